@@ -33,9 +33,9 @@ from coverage import CoverageData
 from scipy.stats import beta
 
 ROOT = Path(__file__).parents[1]
-#: tests of a folder's own; a second set of others would catch more, and take longer
+#: tests of a folder's own, and those of effects that run its kernels; others would catch more, and take longer
 TESTS = {
-    "models": ["tests/models"],
+    "models": ["tests/models", "tests/effects/test_series_elements.py", "tests/effects/test_effects.py"],
     "effects": ["tests/effects", "tests/virtual_rig/test_faults_against_effects.py"],
     "inference": ["tests/inference"],
     "diagnosis": ["tests/diagnosis"],

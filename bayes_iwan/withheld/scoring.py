@@ -1,7 +1,7 @@
 """How good a set of answers is: answers against truths whose seals were checked, each figure with an interval."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from bayes_iwan.withheld.sealed import (
     read_truths,
     sealed_tests,
 )
-from bayes_iwan.withheld.truths import Truth, read_truth
+from bayes_iwan.withheld.truths import read_truth
 
 FindShrink = Callable[[Path, Path, str], float | None]
 
@@ -30,8 +30,7 @@ class Score:
 
     `faulty`: cases whose rig had a law that no specimen has, not in `cases`. `held_back`: the table of those cases
     alone whose laws or outside kinds were not used in calibration. `findable_visible`: visible size over noise of
-    single effects that half, and 80 %, are found at. `baselines`: other people's tables. `notes`: what a reader must
-    know.
+    single effects that half, and 80 %, are found at. `notes`: what a reader must know.
     """
 
     cases: tuple[CaseScore, ...]
@@ -39,20 +38,18 @@ class Score:
     summary: Mapping[str, Estimate]
     held_back: Mapping[str, Estimate]
     findable_visible: Mapping[float, Estimate]
-    baselines: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def table(self) -> str:
-        """The score as text, one line a figure; the held-back cases' and the baselines' values beside it."""
+        """The score as text, one line a figure; the held-back cases' values beside it."""
         width = max(len(k) for k in self.summary)
-        beside = ({"excluded from calibration": self.held_back} if self.held_back else {}) | dict(self.baselines)
         lines = []
-        if beside:
-            lines.append(" " * (width + 2) + f"{'these answers':34s}" + "".join(f"{n:>26s}" for n in beside))
+        if self.held_back:
+            lines.append(" " * (width + 2) + f"{'these answers':34s}{'excluded from calibration':>26s}")
         for key, figure in self.summary.items():
             line = f"{key:{width}s}  {figure.text():34s}"
-            for other in beside.values():
-                seen = other.get(key)
+            if self.held_back:
+                seen = self.held_back.get(key)
                 line += f"{'' if seen is None or seen.n == 0 else f'{seen.brief()} (n = {seen.n})':>26s}"
             lines.append(line.rstrip())
         for target, figure in self.findable_visible.items():
@@ -87,7 +84,6 @@ class Score:
             "summary": _plain(self.summary),
             "excluded_from_calibration": _plain(self.held_back),
             "findable_visible": _plain(self.findable_visible),
-            "baselines": _plain(self.baselines),
             "by_law": _plain(by_law(self.cases)),
             "by_outside": _plain(by_outside(self.cases)),
             "confusion": {"truth": list(rows), "verdict": list(columns), "counts": counts.astype(int).tolist()},
@@ -149,22 +145,21 @@ def score_answers(
     *,
     found: Mapping[str, Mapping[str, float]] | None = None,
     excluded: Sequence[str] = (),
-    baselines: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None,
     notes: Sequence[str] = (),
     seed: int = 0,
 ) -> Score:
     """Score answers against truths whose seals have been checked.
 
     Parameters: both by case name; `found`, by case and cause, shares of the gap found on sealed tests; `excluded`, laws
-    ("name:law") and outside kinds that calibration never saw: their cases get a table of their own beside; `baselines`,
-    other sets of answers by name, scored beside. Raises `WithheldError` for answers without a truth, and for answers
-    that are refused.
+    ("name:law") and outside kinds that calibration never saw: their cases get a table of their own beside. Raises
+    `WithheldError` for answers without a truth, and for answers that are refused.
     """
     strange = sorted(set(answers) - set(truths))
     if strange:
         raise WithheldError(f"answers to cases that have no truth: {', '.join(strange)}")
     read = {name: read_truth(name, truths[name]) for name in sorted(truths)}
-    everything = _scored(read, answers, found or {})
+    shares = found or {}
+    everything = [score_case(name, true, answers.get(name), shares.get(name)) for name, true in read.items()]
     cases = tuple(c for c in everything if not c.truth.faulty)
     new = [c for c in cases if any(k.name in excluded or f"{k.name}:{k.law}" in excluded for k in c.truth.causes)]
     single = [c for c in cases if c.kind == "single" and c.truth.noise > 0 and c.truth.causes[0].visible > 0]
@@ -176,18 +171,8 @@ def score_answers(
         findable_visible=findable(
             [c.truth.causes[0].visible / c.truth.noise for c in single], [c.found for c in single], seed
         ),
-        baselines={
-            name: summarise([c for c in _scored(read, other, {}) if not c.truth.faulty], seed)
-            for name, other in (baselines or {}).items()
-        },
         notes=tuple(notes),
     )
-
-
-def _scored(
-    truths: Mapping[str, Truth], answers: Mapping[str, Mapping[str, Any]], found: Mapping[str, Mapping[str, float]]
-) -> list[CaseScore]:
-    return [score_case(name, truth, answers.get(name), found.get(name)) for name, truth in truths.items()]
 
 
 def read_answers(path: Path) -> dict[str, dict[str, Any]]:
@@ -207,8 +192,6 @@ def score(
     find_shrink: FindShrink | None = None,
     allow_effects_file: bool = False,
     excluded: Sequence[str] = (),
-    baselines: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None,
-    seed: int = 0,
 ) -> Score:
     """Check the commitments, then score `answers.json` (by default `directory/answers/answers.json`).
 
@@ -243,7 +226,7 @@ def score(
             f"not tried on sealed tests, since fits.json names code of the answerer's own (run it with "
             f"--allow-effects-file): {', '.join(foreign)}"
         )
-    return score_answers(truths, given, found=found, excluded=excluded, baselines=baselines, notes=notes, seed=seed)
+    return score_answers(truths, given, found=found, excluded=excluded, notes=notes)
 
 
 def _names_code(fits: Path) -> bool:

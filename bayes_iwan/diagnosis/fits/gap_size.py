@@ -252,19 +252,18 @@ class Shrink:
     high: float
 
 
-def shrink(before: GapSize, after: GapSize, tests: Sequence[int] | None = None) -> Shrink:
-    """How much smaller one model leaves the gap than another on the same tests (all of them unless chosen).
+def shrink(before: GapSize, after: GapSize) -> Shrink:
+    """How much smaller one model leaves the gap than another on the same tests.
 
     Both sizes must come from the same seed and number of draws: then their noise is common and cancels in part.
     Raises ValueError where the tests differ.
     """
     if before.files != after.files:
         raise ValueError("the two gaps belong to different tests")
-    at = list(range(len(before.files))) if tests is None else list(tests)
-    first, second = (max(float(x.power_N2[at].mean()), 0.0) for x in (before, after))
+    first, second = (max(float(x.power_N2.mean()), 0.0) for x in (before, after))
     if first <= 0.0:
         return Shrink(float("nan"), float("nan"), float("nan"))
-    b, a = before.plausible[:, at].mean(axis=1), after.plausible[:, at].mean(axis=1)
+    b, a = before.plausible.mean(axis=1), after.plausible.mean(axis=1)
     draws = 1.0 - np.sqrt(a / np.maximum(b, 1e-3 * first))
     low, high = np.quantile(draws, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
     value = 1.0 - np.sqrt(second / first)

@@ -102,13 +102,13 @@ def predicted(problem: Problem, z: Array, loops: Sequence[Loop], seed: int) -> t
     return force, measured - measured.mean(axis=-1, keepdims=True)
 
 
-def held_out_said(found: Sequence[HeldOutFrequency], unit: str = "Hz") -> str:
+def held_out_said(found: Sequence[HeldOutFrequency]) -> str:
     """What the bands of held-out frequencies hold, as a sentence; empty without any."""
     if not found:
         return ""
     shares = [x.points_90 for x in found]
     said = f"90 % bands of a frequency that is held out hold {100 * np.mean(shares):.0f} % of its points"
     if bad := [x for x in found if not x.holds]:
-        where = ", ".join(f"at {x.frequency_hz:.3g} {unit} only {100 * x.points_90:.0f} %" for x in bad)
+        where = ", ".join(f"at {x.frequency_hz:.3g} Hz only {100 * x.points_90:.0f} %" for x in bad)
         return f"{said} in the mean, {where}: do not trust predictions there, nor for conditions that were not tested."
     return f"{said} ({100 * min(shares):.0f} to {100 * max(shares):.0f} %, frequency by frequency)."

@@ -19,15 +19,14 @@ def paper_weights(displacement_mm: Array, amplitude_mm: Array) -> Array:
     return 0.2 + np.sqrt(np.maximum(1.0 - x * x, 0.0))
 
 
-def goal_function(residual_N: Array, displacement_mm: Array, amplitude_mm: Array, squared: bool = False) -> Array:
-    """Eq. (8) summed over tests, 1/(A n) Σ w |r|, or with r² for `squared` (the text's words); N/mm or N²/mm.
+def goal_function(residual_N: Array, displacement_mm: Array, amplitude_mm: Array) -> Array:
+    """Eq. (8) summed over tests, 1/(A n) Σ w |r|, N/mm.
 
     residual_N : (draws, tests, samples). Returns (draws,).
-    Minimising it is maximum likelihood for independent Laplace (squared: Gaussian) errors of weighted scale.
+    Minimising it is maximum likelihood for independent Laplace errors of weighted scale.
     """
-    size = residual_N * residual_N if squared else np.abs(residual_N)
     w = paper_weights(displacement_mm, amplitude_mm) / np.asarray(amplitude_mm)[:, None]
-    return np.einsum("dts,ts->d", size, w) / residual_N.shape[2]
+    return np.einsum("dts,ts->d", np.abs(residual_N), w) / residual_N.shape[2]
 
 
 def friction_level_N(loops: Sequence[Loop]) -> Array:

@@ -193,9 +193,9 @@ class Problem:
         loops = tuple(replace(x, **{name: getattr(x, name)[::2] for name in along}) for x in self.loops)
         return replace(self, loops=loops, likelihood=self.likelihood.of_loops(loops))
 
-    def goal(self, z: Array, squared: bool = False) -> Array:
+    def goal(self, z: Array) -> Array:
         """The paper's objective, Eq. (8), (draws,); +∞ where the prediction is not finite."""
-        value = goal_function(self.residual(z), self.motion.displacement_mm[0], self.motion.amplitude_mm, squared)
+        value = goal_function(self.residual(z), self.motion.displacement_mm[0], self.motion.amplitude_mm)
         return np.where(np.isfinite(value), value, np.inf)
 
     def with_force(self, force_N: Array) -> Problem:
