@@ -3,8 +3,8 @@
     python analyses/study_fits.py /work/cache/draws/4101_*.pickle --out /work/cache/fits [--workers 2]
     python analyses/study_fits.py ../shared/data/mr_damper_off ... --out /work/cache/fits
 
-A case is a pickle of `study_draws.py`, or the folder of a campaign (whose truth nobody knows). --set BEAM=1 searches
-with another value of a constant, for `ablate_diagnosis.py`.
+A case is a pickle of `study_draws.py`, or the folder of a campaign (whose truth nobody knows). --without RULE searches
+without a rule of `search_rules.py`, for `ablate_diagnosis.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import pickle
-import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -31,6 +30,7 @@ from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import finite, write_whole
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.threads import linear_algebra
+from search_rules import RULES
 
 
 def named(names: frozenset[str]) -> str:
@@ -38,17 +38,10 @@ def named(names: frozenset[str]) -> str:
     return "+".join(sorted(names))
 
 
-def changed(constants: dict[str, float]) -> None:
-    """Other values of constants wherever they have been imported."""
-    for module in [m for n, m in sys.modules.items() if n.startswith("bayes_iwan.diagnosis")]:
-        for name, value in constants.items():
-            if hasattr(module, name):
-                setattr(module, name, value)
-
-
-def fitted(shared: dict[str, Any], path: str) -> dict[str, Any]:
-    """One case: searched and weighed."""
-    changed(shared)
+def fitted(rule: str, path: str) -> dict[str, Any]:
+    """One case: searched and weighed, without a rule."""
+    for where, name, value in RULES[rule]:
+        setattr(where, name, value)
     if Path(path).is_dir():
         loops = [x for x in read_campaign(path).loops(**LOOPS) if x.role != "held-out"]
         case = {
@@ -109,14 +102,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="other values of constants")
+    parser.add_argument("--without", choices=list(RULES), default="nothing", metavar="RULE")
     parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     pieces = {str(args.out / f"{p.stem}.json"): str(p) for p in args.cases}
     left = {k: v for k, v in pieces.items() if not Path(k).is_file()}
-    constants = {name: json.loads(value) for name, value in (x.split("=") for x in args.set)}
-    for path, result in finished(left, fitted, constants, workers=args.workers, what="fits", unit="case"):
+    for path, result in finished(left, fitted, args.without, workers=args.workers, what="fits", unit="case"):
         if isinstance(result, Failure):
             print(f"{path}: {result}", flush=True)
         else:

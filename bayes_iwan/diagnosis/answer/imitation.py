@@ -13,6 +13,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.diagnosis.answer.next_test import NextTest, next_test
+from bayes_iwan.diagnosis.constants import EFFECT_NATS
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit, FitError, base_problem, fit_model
 from bayes_iwan.diagnosis.search.base_fit import cheapest, quick_gap_N
@@ -23,9 +24,9 @@ from bayes_iwan.inference.setup.priors import Prior
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import ParameterChange
 
-#: a dependence is said where the best that explains it makes the gap smaller by this share of the gap, and by this
-#: share of the friction force
-USED_OF_GAP, USED_SHARE = 0.1, 0.003
+#: a dependence is said where one that explains it gains EFFECT_NATS, as an effect must, and makes the gap smaller by
+#: this share of the friction force. A share of the gap does not tell: what else is missed would hide the dependence
+USED_SHARE = 0.003
 #: two explanations are distinguished where their evidence differs by so many nats and the worse leaves so many times
 #: the gap: every specimen differs from any model
 TELLS_NATS, TELLS_RATIO = 10.0, 1.5
@@ -172,7 +173,8 @@ def _imitation(search: Search, free: Fit, freedom: Freedom, friction_N: float, l
         key=lambda x: x.share,
     )
     first = found[0]
-    if without - first.share < max(USED_SHARE, USED_OF_GAP * without):
+    gained = free.log_evidence - neutral.log_evidence + max(x.nats for x in found)
+    if without - first.share < USED_SHARE or gained < EFFECT_NATS:
         return None
     tied = tuple(x.name for x in found if _explains(x, first, without) and not _distinguished(first, x))
     following = None

@@ -1,0 +1,77 @@
+"""Rules of the model search, each as what leaves it out: `study_fits.py --without RULE`, `ablate_diagnosis.py search`.
+
+    python analyses/search_rules.py sample FITS/*.json --seed 41
+
+prints numbers of cases drawn at random, so many of each kind (:data:`SAMPLE`), which are searched again with each rule
+left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_iwan.diagnosis.fits.evidence import Fit
+from bayes_iwan.diagnosis.search import candidates, fitted_sets, model_search
+from bayes_iwan.diagnosis.search.fitted_sets import FittedSets
+
+#: cases of each kind that are searched again
+SAMPLE = {"single": 10, "pair": 9, "triple": 4, "outside": 8, "known_beside_outside": 7, "none": 2}
+
+Patch = tuple[Any, str, Any]
+
+
+def once_without(found: FittedSets, fit: Fit, name: str) -> Fit:
+    known = found.fits.get(fit.names - {name})
+    return known if known is not None else _without(found, fit, name)
+
+
+def never_sound(found: FittedSets) -> bool:
+    return False
+
+
+_without = FittedSets.without
+NONE: frozenset[str] = frozenset()
+
+RULES: dict[str, list[Patch]] = {
+    "nothing": [],
+    "newtons of a candidate": [(candidates, "sound_gap_N", lambda data: np.inf)],
+    "a step of the effect's own parameters": [(candidates, "stepped_on", lambda rows, point, *_: (point, np.inf))],
+    "base fitted again": [(model_search, "fit_base_again", lambda found: False)],
+    "exchanging": [(model_search, "ROUNDS", 0)],
+    "a second round of exchanging": [(model_search, "ROUNDS", 1)],
+    "a smaller set fitted again from each larger one": [(FittedSets, "without", once_without)],
+    "what is flexible last": [(x, "LAST", NONE) for x in (fitted_sets, model_search)],
+    "a sound gap ends the search": [(model_search, "as_sound", never_sound)],
+    "two of each size grow": [(model_search, "BEAM", 1)],
+    "four are tried with each": [(model_search, "BRANCH", 2)],
+    "two laws of an effect": [(candidates, "LAWS_MOST", 1)],
+    "two starts of an effect": [(candidates, "EFFECT_STARTS", 1)],
+}
+
+
+def sample(paths: list[Path], seed: int) -> list[str]:
+    """Stems of the cases to search again."""
+    rng = np.random.default_rng(seed)
+    kinds = {p.stem: json.loads(p.read_text())["kind"] for p in sorted(paths)}
+    out = []
+    for kind, n in SAMPLE.items():
+        out += rng.choice([s for s, k in kinds.items() if k == kind], n, replace=False).tolist()
+    return sorted(out)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["sample"])
+    parser.add_argument("cases", type=Path, nargs="+")
+    parser.add_argument("--seed", type=int, default=41)
+    args = parser.parse_args()
+    print(*sample(args.cases, args.seed), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
