@@ -65,10 +65,10 @@ class Vague:
     law_above: float
 
     def share(self, value: float) -> Share:
-        """The share with its 90 % interval, value − √(data² + overlap² + law_below²) to value + √(data² + overlap² +
-        law_above²), within −1 … 1."""
-        below, above = (float(np.hypot(np.hypot(self.data, self.overlap), x)) for x in (self.law_below, self.law_above))
-        return Share(value, max(value - below, -1.0), min(value + above, 1.0))
+        """The share with its 90 % interval, value − √(data² + overlap²) − law_below to value + √(data² + overlap²) +
+        law_above, within −1 … 1: what the law leaves open is no chance error, so it is added."""
+        chance = float(np.hypot(self.data, self.overlap))
+        return Share(value, max(value - chance - self.law_below, -1.0), min(value + chance + self.law_above, 1.0))
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,7 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         n: v for n, v in p.items() if n not in NO_CAUSE
     }
     causes = _causes(found, named, probabilities, c, held_out)
-    while idle := [x for x in causes if _may_be_nothing(x)]:
+    while idle := [x for x in causes if _idle(x)]:
         worst = idle[-1].name  # the least share
         probabilities[worst] = min(probabilities[worst], REFUSED)
         named = tuple(n for n in named if n != worst)
@@ -144,10 +144,10 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)
 
 
-def _may_be_nothing(x: Cause) -> bool:
-    """Does the interval of a cause's share reach zero? What it removes less on held-out tests is part of the interval.
-    What acts along the record is asked there, and what no test can show is not asked."""
-    return not x.along and x.held_out is not None and x.share.low <= 0.0
+def _idle(x: Cause) -> bool:
+    """Does a cause remove nothing on held-out tests? Tests with role "held-out" do not change what is named, and what
+    acts along the record is asked there."""
+    return not x.along and x.held_out is not None and x.held_out_by != HELD_OUT and x.held_out.value <= 0.0
 
 
 def suspects(found: Weighed, named: Sequence[str], c: Calibration) -> tuple[Suspect, ...]:
