@@ -156,13 +156,14 @@ def draw_case(
     laws: str = "all",
     excluded_laws: Sequence[str] = (),
     excluded_outside: Sequence[str] = (),
+    n_sliders: int = 150,
 ) -> Case:
     """Draw one case.
 
     Parameters: `kind`, one of `KINDS`, or None for one at random by `KIND_SHARES`; `faults`, names to use instead of
     random ones. `laws`: "catalogue" (the law that the diagnosis' effect of that name has too), "other" or "all";
     `excluded_laws`, entries like "end_stop:hertz", and `excluded_outside`, names of faults from outside, are not
-    drawn. Where a specimen and its tests cannot show a fault of the drawn size (a normal-force lag on a specimen with
+    drawn; `n_sliders` of the specimen. Where a specimen and its tests cannot show a fault of the drawn size (a normal-force lag on a specimen with
     an almost constant normal force), specimen and tests are drawn again, so that the mix of faults stays. Raises
     `RigError` for an unknown kind, law or name, or when 60 draws did not do.
     """
@@ -184,7 +185,7 @@ def draw_case(
         seed = int(rng.integers(2**62))
         amplitudes = [t.amplitude_mm for t in tests]
         speed = 2e-3 * np.pi * max(t.frequency_hz for t in tests) * max(amplitudes)
-        specimen = draw_specimen(rng, (min(amplitudes), max(amplitudes)), speed)
+        specimen = draw_specimen(rng, (min(amplitudes), max(amplitudes)), speed, n_sliders)
         at: dict[str, Any] = {"setup": setup, "seed": seed}
         sound: dict[tuple[PlannedTest, ...], Sound] = {}  # trial runs without faults, once for the same tests
         found = []
