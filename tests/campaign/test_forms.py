@@ -133,6 +133,26 @@ def test_stamps_through_midnight_and_rollover(signal, kind, before):
     same(back(write), rate, x, f, time_digits=5)
 
 
+@form
+@given(signals(), st.sampled_from(["%H:%M:%S.%f", "%Y-%m-%d %H:%M:%S.%f", "date beside"]), st.integers(0, 12))
+def test_each_channel_with_stamps_of_its_own(signal, kind, late):
+    """The force starts `late` samples after the displacement, and its columns end earlier."""
+    rate, x, f = signal
+    start = datetime.datetime(2024, 3, 1, 10)
+    times = [start + datetime.timedelta(seconds=round(k / rate, 6)) for k in range(x.size)]
+    cells = [t.strftime("%Y-%m-%d;%H:%M:%S.%f" if kind == "date beside" else kind) for t in times]
+    none = ";" if kind == "date beside" else ""
+    own = "Datum;Zeit" if kind == "date beside" else "Zeit"
+    forces = [*(f"{c};{b:.6f}" for c, b in zip(cells[late:], f[late:])), *[f"{none};"] * late]
+    rows = "".join(f"{c};{a:.6f};{b}\n" for c, a, b in zip(cells, x, forces))
+
+    def write(folder):
+        (folder / "a.csv").write_text(f"{own};Weg [mm];{own};Kraft [N]\n{rows}")
+        return folder / "a.csv"
+
+    same(back(write), rate, x[late:], f[late:], time_digits=5)
+
+
 def _lvm(rate, x, f, columns, separator, decimal, late):
     sep = {"Tab": "\t", "Comma": ","}[separator]
     head = {"No": ["", ""], "One": ["", ""], "Multi": ["", "", ""]}[columns]

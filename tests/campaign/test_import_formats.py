@@ -84,6 +84,14 @@ def test_tdms_time_stamps_and_texts(tmp_path):
     np.testing.assert_allclose(recording.channels[0].values, np.arange(N) * 1e-3, atol=1e-9)
 
 
+def test_tdms_unit_as_daqmx_writes_it(tmp_path):
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment([nptdms.ChannelObject("g", "Kraft", F, {"NI_UnitDescription": "kN"})])
+    (recording,) = read(tmp_path / "a.tdms")
+    assert [(c.name, c.unit) for c in recording.channels] == [("Kraft", "kN")]
+
+
 def test_damaged_tdms(tdms, tmp_path, caplog):
     """Cut within its head it is refused; within its data what is there is read, and said once, by us alone."""
     whole = tdms().read_bytes()

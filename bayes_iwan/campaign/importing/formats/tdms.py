@@ -28,7 +28,8 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
         groups: dict[str, list[Channel]] = {}
         for (group, source), start in zip(sources, clock):
             step = source.properties.get("wf_increment")
-            unit = str(source.properties.get("unit_string", "") or "")
+            said = source.properties  # DAQmx writes the second name
+            unit = str(said.get("unit_string") or said.get("NI_UnitDescription") or "")
             one = channel(source.name, unit, source[:], 1 / float(step) if step else None, start, group)
             if one is not None:
                 groups.setdefault(group, []).append(one)

@@ -255,31 +255,47 @@ def _recording(
             rate = 1 / step
     used = [k for k in table if k not in side and table[k].notna().any() and units[k].lower() != "sequence"]
     numeric = [k for k in used if pd.api.types.is_numeric_dtype(table[k])]
-    channels: list[Channel] = []
+    channels: dict[int, Channel] = {}
     for k in numeric:
         name, unit = (names[k], units[k]) if units[k] and is_unit(units[k]) else split_name(names[k])
         if name.startswith("column ") and k == numeric[-1]:
             name = labels.get("source", name)
         unit = unit.strip() or units[k] or _unit_of(name, labels, k == numeric[0], k == numeric[-1])
         heading = names[k] + (f" ({units[k]})" if units[k] else "")
-        channels.append(Channel(name or f"column {k + 1}", unit, table[k].to_numpy(dtype=float), heading=heading))
-    if not any(role_of(c.unit) == "time" for c in channels):
-        time, said = _clock({k: table[k] for k in used if k not in numeric}, names)
-        channels = [time, *channels] if time else channels
-        notes = (*notes, said) if said else notes
-    return Recording(file, part, tuple(c for c in channels if c.values.size >= FEWEST_SAMPLES), notes, rate)
+        channels[k] = Channel(name or f"column {k + 1}", unit, table[k].to_numpy(dtype=float), heading=heading)
+    if not any(role_of(c.unit) == "time" for c in channels.values()):
+        clocks, said = _clocks({k: table[k] for k in used if k not in numeric}, names)
+        channels, notes = channels | clocks, (*notes, *said)
+    kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
+    return Recording(file, part, kept, notes, rate)
 
 
-def _clock(columns: dict[int, pd.Series], names: list[str]) -> tuple[Channel | None, str]:
-    """The time that columns of text hold: times of day, with a column of dates beside them or without."""
-    cells = {k: c.tolist() for k, c in columns.items() if c.map(lambda x: isinstance(x, str)).all()}
-    dates = next((c for c in cells.values() if all(map(is_date, c))), None)
-    for k, column in cells.items():
-        found = seconds(column, dates) if column is not dates else None
-        if found is not None:
-            said = f"{names[k] or 'time'}: {found[1]}" if found[1] else ""
-            return Channel(names[k] or "time", "s", found[0], heading=names[k]), said
-    return None, ""
+def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...]]:
+    """The times that columns of text hold, by column, all from the first one's first stamp, and what was done to them:
+    times of day, with a column of dates beside them or without."""
+    texts = {k: c for k, c in columns.items() if c.dropna().map(lambda x: isinstance(x, str)).all()}
+    dated = {k: c for k, c in texts.items() if c.dropna().map(is_date).all()}
+    clocks: dict[int, Channel] = {}
+    notes: list[str] = []
+    origin: tuple[list[str], list[str] | None] | None = None
+    for k, column in texts.items():
+        if k in dated:
+            continue
+        there = column.notna()
+        dates = next((dated[j] for j in [*range(k - 1, -1, -1), *dated] if j in dated), None)
+        days = dates[there].tolist() if dates is not None and dates[there].notna().all() else None
+        stamps = column[there].tolist()
+        origin = origin or (stamps[:1], days and days[:1])
+        found = seconds(origin[0] + stamps, origin[1] + days if origin[1] and days else None)
+        if found is None:
+            origin = None if not clocks else origin
+            continue
+        time = np.full(len(column), np.nan)
+        time[there.to_numpy()] = found[0][1:]
+        clocks[k] = Channel(names[k] or "time", "s", time, heading=names[k])
+        if found[1]:
+            notes.append(f"{names[k] or 'time'}: {found[1]}")
+    return clocks, tuple(notes)
 
 
 def _labels(lines: Sequence[str]) -> dict[str, str]:
