@@ -17,12 +17,29 @@ import numpy as np
 
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.search import candidates, fitted_sets, model_search
+from bayes_iwan.diagnosis.search.candidates import Candidate
 from bayes_iwan.diagnosis.search.fitted_sets import FittedSets
+from bayes_iwan.diagnosis.search.refits import Refit
 
 #: cases of each kind that are searched again
 SAMPLE = {"single": 10, "pair": 9, "triple": 4, "outside": 8, "known_beside_outside": 7, "none": 2}
 
 Patch = tuple[Any, str, Any]
+
+
+def one_start(found: FittedSets, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
+    return Refit(one.problem, one.starts, one.starts[:0])
+
+
+def start_without_draws(found: FittedSets, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
+    whole = FittedSets._start(found, one, smaller, instead_of)
+    return Refit(whole.problem, whole.starts, whole.starts[:0])
+
+
+def first_singles(found: FittedSets) -> None:
+    """The SINGLE_MOST most promising alone, whatever they promise."""
+    names = list(dict.fromkeys(x.name for x in found.offered(found.base)))[: model_search.SINGLE_MOST]
+    found.add([x for x in found.offered(found.base) if x.name in names], found.base)
 
 
 def once_without(found: FittedSets, fit: Fit, name: str) -> Fit:
@@ -41,10 +58,12 @@ RULES: dict[str, list[Patch]] = {
     "nothing": [],
     "newtons of a candidate": [(candidates, "sound_gap_N", lambda data: np.inf)],
     "a step of the effect's own parameters": [(candidates, "stepped_on", lambda rows, point, *_: (point, np.inf))],
+    "starts from other sets, and from the prior": [(FittedSets, "_start", one_start)],
     "base fitted again": [(model_search, "fit_base_again", lambda found: False)],
     "exchanging": [(model_search, "ROUNDS", 0)],
     "a second round of exchanging": [(model_search, "ROUNDS", 1)],
     "a smaller set fitted again from each larger one": [(FittedSets, "without", once_without)],
+    "singles beyond the seven most promising": [(model_search, "fit_singles", first_singles)],
     "what is flexible last": [(x, "LAST", NONE) for x in (fitted_sets, model_search)],
     "a sound gap ends the search": [(model_search, "as_sound", never_sound)],
     "two of each size grow": [(model_search, "BEAM", 1)],

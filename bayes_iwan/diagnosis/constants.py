@@ -35,10 +35,14 @@ USUAL_GAP: Final = 0.004
 
 # ---- how far the search goes (search/model_search.py)
 
-#: single effects that are refitted, the most promising ones
+#: single effects are refitted if they promise PROMISE nats or, where the gap is more than a sound specimen's, are among
+#: so many most promising ones or sudden
 SINGLE_MOST: Final = 7
-#: nats that a further effect must promise to be refitted
+#: nats that one Gauss–Newton step must promise for an effect to be refitted
 PROMISE: Final = 6.0
+#: where this share of a gap is change along the record, all that acts there is refitted: one step of a fade that
+#: recovers leads nowhere, though it may be the whole cause
+CHANGING: Final = 0.3
 #: laws of one effect that are refitted, the most promising first
 LAWS_MOST: Final = 2
 #: sets of each size that grow, and effects that each is tried with

@@ -163,9 +163,9 @@ def draw_case(
     Parameters: `kind`, one of `KINDS`, or None for one at random by `KIND_SHARES`; `faults`, names to use instead of
     random ones. `laws`: "catalogue" (the law that the diagnosis' effect of that name has too), "other" or "all";
     `excluded_laws`, entries like "end_stop:hertz", and `excluded_outside`, names of faults from outside, are not
-    drawn; `n_sliders` of the specimen. Where a specimen and its tests cannot show a fault of the drawn size (a normal-force lag on a specimen with
-    an almost constant normal force), specimen and tests are drawn again, so that the mix of faults stays. Raises
-    `RigError` for an unknown kind, law or name, or when 60 draws did not do.
+    drawn; `n_sliders` of the specimen. Where a specimen and its tests cannot show a fault of the drawn size (a
+    normal-force lag on a specimen with an almost constant normal force), specimen and tests are drawn again, so that
+    the mix of faults stays. Raises `RigError` for an unknown kind, law or name, or when 60 draws did not do.
     """
     kind = kind or str(rng.choice(list(KIND_SHARES), p=list(KIND_SHARES.values())))
     if kind not in KINDS:

@@ -25,7 +25,7 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import ParameterChange
 
 #: a dependence is said where one that explains it gains EFFECT_NATS, as an effect must, and makes the gap smaller by
-#: this share of the friction force. A share of the gap does not tell: what else is missed would hide the dependence
+#: this share of the friction force. A share of the gap does not tell: what else is left would hide the dependence
 USED_SHARE = 0.003
 #: two explanations are distinguished where their evidence differs by so many nats and the worse leaves so many times
 #: the gap: every specimen differs from any model

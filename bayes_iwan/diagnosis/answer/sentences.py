@@ -218,9 +218,8 @@ def _imitation(x: Imitation, d: Diagnosis) -> str:
     least, most = min(share[n] for n in x.tied), max(share[n] for n in x.tied)
     left = percent(least) if percent(least) == percent(most) else f"{percent(least)} to {percent(most)}"
     named = [n for n in x.tied if n in d.verdict.names]
-    own_second = sorted(
-        x.tied[1:], key=lambda n: n != x.name
-    )  # the list is cut, and the base's own freedom is the point
+    # the list is cut, and the base's own freedom is the point
+    own_second = sorted(x.tied[1:], key=lambda n: n != x.name)
     text = f"{capital(x.what)}: {few([x.tied[0], *own_second])}."
     if len(x.tied) == 1:  # an effect, which these tests tell from what the base has
         text += f" With it the model would miss {left} of the friction force, with {title(x.name)} instead "

@@ -15,6 +15,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.search.base_fit import (
+    BASE_POINTS,
     fit_base,
     gap_parts_N,
     newton_nats,
@@ -59,7 +60,7 @@ class FittedSets:
         simulator: Simulator | None,
         executor: Executor | None,
     ) -> None:
-        self.data, self.report = data, report
+        self.data, self.rng, self.report = data, rng, report
         self.fits: dict[frozenset[str], Fit] = {}
         self._gaps: dict[tuple[frozenset[str], float], float] = {}
         self._parts: dict[tuple[frozenset[str], float], tuple[float, float]] = {}
@@ -126,7 +127,7 @@ class FittedSets:
 
     def keep(self, problem: Problem, starts: Array, iterations: int = ITERATIONS) -> Fit | None:
         """Fit a model; remember it if it is the best of its set. None where it has no finite force."""
-        (fit,) = self.refits([Refit(problem, starts, iterations)])
+        (fit,) = self.refits([Refit(problem, starts, starts[:0], iterations)])
         return self._kept(fit)
 
     def _kept(self, fit: Fit | None) -> Fit | None:
@@ -137,14 +138,29 @@ class FittedSets:
             self.fits[fit.names] = fit
         return self.fits[fit.names]
 
-    def add(self, some: Sequence[Candidate], smaller: Fit) -> None:
-        """Refit candidates, from where each promised most."""
-        found, fits = self.refits([Refit(one.problem, one.starts) for one in some]), list[Fit | None]()
+    def add(self, some: Sequence[Candidate], smaller: Fit, instead_of: Fit | None = None) -> None:
+        """Refit candidates, from where each promised most, from where it was best beside the base alone, and from the
+        others of the set that it is tried in."""
+        found, fits = self.refits([self._start(one, smaller, instead_of) for one in some]), list[Fit | None]()
         for one in some:
             self.report("+".join((*sorted(smaller.names), one.name)))
             fits.append(next(found))
         for fit in fits:  # when all are there: whoever refits them is asked again
             self._kept(fit)
+
+    def _start(self, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
+        starts, draws = one.starts, one.starts[:0]
+        alone = self.fits.get(frozenset({one.name}))
+        if smaller.effects and alone is not None:
+            z = dict(zip(smaller.problem.names, smaller.z)) | dict(zip(alone.problem.names, alone.z))
+            starts = np.concatenate([starts, np.array([[z.get(n, 0.0) for n in one.problem.names]])])
+        if instead_of is not None:
+            z = dict(zip(one.problem.names, one.starts[0]))
+            z |= {n: v for n, v in zip(instead_of.problem.names, instead_of.z) if n in smaller.problem.names}
+            starts = np.concatenate([starts, np.array([[z[n] for n in one.problem.names]])])
+        if one.effect.sudden and not smaller.effects:  # the base may have adapted too far to lead there
+            draws = one.problem.prior.draw(self.rng, BASE_POINTS)
+        return Refit(one.problem, starts, draws)
 
     def offered(self, smaller: Fit, last: bool = False) -> list[Candidate]:
         """Candidates on top of a fit, LAST alone or all others, LAWS_MOST laws of each effect, the most promising

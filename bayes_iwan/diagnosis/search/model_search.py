@@ -13,7 +13,7 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from bayes_iwan.diagnosis.constants import BEAM, BRANCH, MOST_EFFECTS, PROMISE, ROUNDS, SINGLE_MOST
+from bayes_iwan.diagnosis.constants import BEAM, BRANCH, CHANGING, MOST_EFFECTS, PROMISE, ROUNDS, SINGLE_MOST
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.search.base_fit import has_gap, sound_gap_N
@@ -27,10 +27,18 @@ from bayes_iwan.models import Simulator
 
 
 def fit_singles(found: FittedSets) -> None:
-    """Refit the most promising single effects."""
-    offered = found.offered(found.base)
-    first = list(dict.fromkeys(x.name for x in offered))[:SINGLE_MOST]
-    found.add([x for x in offered if x.name in first], found.base)
+    """Refit every single effect that promises anything; where the base misses more than it does of a sound specimen,
+    the first ones anyway, and those of which a first step tells little."""
+    ranked: dict[str, int] = {}
+    gap_N, along_N = found.gap_parts_N(found.base)
+    changing = along_N > CHANGING * gap_N
+    chosen = []
+    for one in found.offered(found.base):
+        rank = ranked.setdefault(one.name, len(ranked))
+        asked = rank < SINGLE_MOST or one.effect.sudden or (changing and one.effect.evolving)
+        if one.gain > PROMISE or (asked and not as_sound(found)):
+            chosen.append(one)
+    found.add(chosen, found.base)
 
 
 def fit_base_again(found: FittedSets) -> bool:
@@ -91,7 +99,7 @@ def settle(found: FittedSets, current: Fit) -> Fit:
             offered = [x for last in (False, True) for x in found.offered(less, last) if x.name != name]
             alike = [x for x in offered if look_alike(found.effects, name, x.name)]
             others = promising([x for x in offered if x not in alike], BRANCH)
-            found.add([x for x in (*alike, *others) if less.names | {x.name} not in found.fits], less)
+            found.add([x for x in (*alike, *others) if less.names | {x.name} not in found.fits], less, current)
             exchanged = [k for k in found.fits if less.names < k and len(k) == len(current.names)]
             current = found.best([less.names, *exchanged])[0]
         if current.names == before:

@@ -6,9 +6,12 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
+import numpy as np
+
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit, FitError, fit_model
+from bayes_iwan.diagnosis.search.base_fit import cheapest
 from bayes_iwan.diagnosis.search.candidates import Candidate, candidate, on_top, weighed_alike
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.executors import Rounds
@@ -25,10 +28,11 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Refit:
-    """A model to refit from starts (n, ndim)."""
+    """A model to refit from starts (n, ndim), and from the n that cost least of draws (m, ndim) from its prior."""
 
     problem: Problem
     starts: Array
+    draws: Array
     iterations: int = ITERATIONS
 
 
@@ -52,6 +56,7 @@ class _Piece:
 
     effects: tuple[int, ...]
     starts: Array
+    draws: Array
     iterations: int
 
 
@@ -86,7 +91,7 @@ class Refits:
         """The fits in their order, None where a model has no finite force; the same bits wherever they are made."""
         keys = [self._key(x) for x in some]
         new = {key: x for key, x in zip(keys, some) if key not in self._made}
-        pieces = [_Piece(self._places(x.problem), x.starts, x.iterations) for x in new.values()]
+        pieces = [_Piece(self._places(x.problem), x.starts, x.draws, x.iterations) for x in new.values()]
         found = zip(new.items(), self._rounds.results(pieces, _refitted))
         for key in keys:
             if key not in self._made:
@@ -111,7 +116,7 @@ class Refits:
         return tuple(self._place[id(e)] for e in problem.effects)
 
     def _key(self, one: Refit) -> tuple[object, ...]:
-        return self._places(one.problem), one.starts.tobytes(), one.iterations
+        return self._places(one.problem), one.starts.tobytes(), one.draws.tobytes(), one.iterations
 
 
 def _parts(fit: Fit) -> tuple[Any, ...]:
@@ -120,8 +125,11 @@ def _parts(fit: Fit) -> tuple[Any, ...]:
 
 
 def _refitted(common: _Common, piece: _Piece) -> tuple[Any, ...] | None:
+    problem, starts = common.problem(piece.effects), piece.starts
+    if len(piece.draws):
+        starts = np.concatenate([starts, cheapest(common.data, problem, piece.draws, len(starts))])
     try:
-        return _parts(fit_model(common.data, common.problem(piece.effects), piece.starts, piece.iterations))
+        return _parts(fit_model(common.data, problem, starts, piece.iterations))
     except FitError:
         return None
 
