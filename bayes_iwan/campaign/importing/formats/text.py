@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
 from bayes_iwan.campaign.importing.formats.lvm import read_lvm
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
@@ -255,31 +256,39 @@ def _recording(
             rate = 1 / step
     used = [k for k in table if k not in side and table[k].notna().any() and units[k].lower() != "sequence"]
     numeric = [k for k in used if pd.api.types.is_numeric_dtype(table[k])]
-    channels: list[Channel] = []
+    channels: dict[int, Channel] = {}  # by column: a time is of the channels behind it
     for k in numeric:
         name, unit = (names[k], units[k]) if units[k] and is_unit(units[k]) else split_name(names[k])
         if name.startswith("column ") and k == numeric[-1]:
             name = labels.get("source", name)
         unit = unit.strip() or units[k] or _unit_of(name, labels, k == numeric[0], k == numeric[-1])
         heading = names[k] + (f" ({units[k]})" if units[k] else "")
-        channels.append(Channel(name or f"column {k + 1}", unit, table[k].to_numpy(dtype=float), heading=heading))
-    if not any(role_of(c.unit) == "time" for c in channels):
-        time, said = _clock({k: table[k] for k in used if k not in numeric}, names)
-        channels = [time, *channels] if time else channels
-        notes = (*notes, said) if said else notes
-    return Recording(file, part, tuple(c for c in channels if c.values.size >= FEWEST_SAMPLES), notes, rate)
+        channels[k] = Channel(name or f"column {k + 1}", unit, table[k].to_numpy(dtype=float), heading=heading)
+    if not any(role_of(c.unit) == "time" for c in channels.values()):
+        times, said = _clocks({k: table[k] for k in used if k not in numeric}, names)
+        channels |= times
+        notes = (*notes, *said)
+    some = tuple(channels[k] for k in sorted(channels) if channels[k].values.size >= FEWEST_SAMPLES)
+    return Recording(file, part, some, notes, rate, not_applied([*above, *beside]))
 
 
-def _clock(columns: dict[int, pd.Series], names: list[str]) -> tuple[Channel | None, str]:
-    """The time that columns of text hold: times of day, with a column of dates beside them or without."""
+def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...]]:
+    """The times that columns of text hold, by column and on one clock: times of day, with a column of dates beside them
+    or without; and what was done to them."""
     cells = {k: c.tolist() for k, c in columns.items() if c.map(lambda x: isinstance(x, str)).all()}
     dates = next((c for c in cells.values() if all(map(is_date, c))), None)
+    found: dict[int, Channel] = {}
+    first, notes = "", []
     for k, column in cells.items():
-        found = seconds(column, dates) if column is not dates else None
-        if found is not None:
-            said = f"{names[k] or 'time'}: {found[1]}" if found[1] else ""
-            return Channel(names[k] or "time", "s", found[0], heading=names[k]), said
-    return None, ""
+        read = seconds(column, dates) if column is not dates else None
+        if read is None:
+            continue
+        first = first or column[0]
+        late = seconds([first, column[0]], dates[:1] * 2 if dates else None)
+        start = float(late[0][1]) if late else 0.0
+        found[k] = Channel(names[k] or "time", "s", read[0] + start, heading=names[k])
+        notes += [f"{names[k] or 'time'}: {read[1]}"] if read[1] else []
+    return found, tuple(notes)
 
 
 def _labels(lines: Sequence[str]) -> dict[str, str]:
