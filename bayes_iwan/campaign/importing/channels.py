@@ -28,6 +28,12 @@ NO_TIME = "none"  # as the name of a time channel: there is none, the rate count
 #: examples of sensitivities, by role
 TRANSDUCER = {"force": "9.55 mV/N", "displacement": "2 V/mm", "acceleration": "105 mV/g"}
 RISING = 0.9  # of the steps of a time channel go up
+#: what has the unit of a motion or a force and is no measurement of it: never taken unless it is named
+_NOT_MEASURED = re.compile(
+    r"(?<![^\W_])(error|err|fehler|abweichung|deviation|écart|command|cmd|commanded|setpoint|set[ _-]point|soll|"
+    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit)(?![^\W\d_])",
+    re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True)
@@ -185,6 +191,7 @@ def _rises(values: np.ndarray) -> bool:
 
 def _candidates(channels: list[Channel], role: str, recipe: Recipe) -> list[Channel]:
     """Channels whose unit is the role's; where none is, those whose name says so and whose unit says nothing else."""
+    channels = [c for c in channels if not _NOT_MEASURED.search(c.name)]
     by_unit = [c for c in channels if role_of(c.unit) == role]
     by_name = [
         c for c in channels if named(c.name, role) and (role_of(c.unit) == role or not c.unit or is_volts(c.unit))

@@ -1,8 +1,12 @@
 """What recorders do to a channel and a reader must not take for numbers: range passed, values held, coarse steps."""
 
+import re
+from collections.abc import Iterable
+
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.recording.records import shown
 
 OVER = 9e36  # SCPI writes 9.9E37 and 9.91E37 where the range is passed or there is no number
 FAR = 20.0  # times the range of all other values: a code, no measurement
@@ -12,6 +16,25 @@ END_CODES = frozenset(
 )
 FEW_LEVELS = 500  # over a channel's range: fewer are said
 LATTICE = 0.03  # of a step that values may be off its multiples
+#: words of what a file may state of a single channel and nothing here applies: when it starts, what it is multiplied by
+_START = re.compile(r"(?<![^\W_])(t0|delay|latency|skew|(start|time|trigger)[ _-]?offset)(?![^\W\d_])", re.IGNORECASE)
+_FACTOR = re.compile(r"(?<![^\W_])(gain|scale|factor|multiplier|faktor|verstärkung)(?![^\W\d_])", re.IGNORECASE)
+_NUMBERS = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
+
+
+def not_applied(stated: Iterable[str]) -> tuple[str, ...]:
+    """Warnings of statements ("Force delay: 0.008 s", "Gain = 10") that would shift or scale one channel: whether they
+    are in the numbers already no file says. Starts of 0 and factors of 1 change nothing."""
+    out = []
+    for text in stated:
+        for pattern, neutral, fix in (
+            (_START, (0.0,), "a channel that starts late needs its own time column"),
+            (_FACTOR, (0.0, 1.0), "if the numbers are not multiplied by it yet, say so with --gain or --unit"),
+        ):
+            if pattern.search(text) and any(float(x) not in neutral for x in _NUMBERS.findall(text)):
+                out.append(f"the file states {shown(' '.join(text.split()))}, which is not applied: {fix}")
+                break
+    return tuple(dict.fromkeys(out))
 
 
 def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:

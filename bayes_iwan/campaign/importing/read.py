@@ -16,6 +16,15 @@ from bayes_iwan.campaign.importing.formats.wav import read_wav
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Recording
 from bayes_iwan.campaign.recording.records import CampaignError
 
+#: formats that are known by their first bytes and not read: what to do with them
+OTHERS = (
+    (b"MDF     ", "an ASAM MDF file; export its channels with one time raster as CSV, MAT or Parquet"),
+    (
+        b"\x93NUMPY",
+        'a NumPy array; save it with its names and units: numpy.savetxt(..., header="time_s disp_mm force_N")',
+    ),
+)
+
 
 def read_file(path: Path, layout: Layout) -> list[Recording]:
     """All recordings of a file. Raises CampaignError."""
@@ -30,6 +39,9 @@ def read_file(path: Path, layout: Layout) -> list[Recording]:
     if not start:
         raise CampaignError(f"{file}: empty")
     ending = path.suffix.lower()
+    for mark, what in OTHERS:
+        if start.startswith(mark):
+            raise CampaignError(f"{file}: {what}")
     if start.startswith(b"TDSm"):
         out = read_tdms(path, file)
     elif b"\x89HDF\r\n\x1a\n" in (start[:8], start[512:520]):

@@ -72,8 +72,8 @@ def channel(
     values = np.asarray(given)
     if values.ndim != 1 or values.size < FEWEST_SAMPLES:
         return None
-    if np.issubdtype(values.dtype, np.datetime64):
-        values = (values - values[0]) / np.timedelta64(1, "s")
+    if values.dtype.kind in "mM":  # durations, moments
+        values = (values - (values[0] if values.dtype.kind == "M" else 0)) / np.timedelta64(1, "s")
         unit = "s"
     if np.iscomplexobj(values) and not np.imag(values).any():
         values = values.real  # complex only in how it was stored

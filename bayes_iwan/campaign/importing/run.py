@@ -222,6 +222,9 @@ def _missing(found: Assigned, recording: Recording, recipe: Recipe) -> list[Ques
     out = []
     for channel, role in ((found.motion, found.role), (found.force, "force")):
         unit = recipe.units.get(role, channel.unit)
+        if role not in recipe.units and unit == "MN" and found.motion.unit in ("MM", "UM", "IN"):
+            text = f"{channel.name!r} states MN among units in capitals: meganewtons or millinewtons?"
+            out.append(Question("--unit", role, "mN", text))
         if role in recipe.sensitivities or role_of(unit) == role:
             continue
         if not unit:

@@ -10,7 +10,8 @@ from bayes_iwan.campaign.importing.unit_texts import converted, decimal_point
 from bayes_iwan.campaign.loops.checks import check_epoch, on_grid_of_rate
 from bayes_iwan.campaign.recording.records import CampaignError
 
-DAY_NUMBERS = (30_000.0, 60_000.0), (715_000.0, 750_000.0)  # of the years 1982 to 2053, by Excel and by MATLAB
+#: of the years 1982 to 2053, by Excel, by MATLAB and by astronomers (Julian days)
+DAY_NUMBERS = (30_000.0, 60_000.0), (715_000.0, 750_000.0), (2_445_000.0, 2_471_000.0)
 SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other
 
 
@@ -56,6 +57,8 @@ def times_of(
     raw, wrapped = counted_on(clock.values)
     stated = recipe.units.get("time", clock.unit)
     unit = stated or ("day" if _day_numbers(raw) else "s")
+    if unit == "day":
+        raw = raw - np.floor(np.nanmin(raw))  # from midnight: no date is asked for
     time, _ = converted(raw, unit, "", "time", f"{where}: {clock.name!r}")
     lines = [f"time: {clock.name!r}: {wrapped}"] if wrapped else []
     if asked is None and from_file is not None and abs(_usual_rate(time) / from_file - 1) > 0.02:
@@ -84,7 +87,8 @@ def times_of(
 
 
 def _day_numbers(time: Array) -> bool:
-    """Whether a time without a unit counts days, as Excel and MATLAB do: in seconds it would have a rate of MHz."""
+    """Whether a time without a unit counts days, as Excel and MATLAB do: in seconds it would have a rate of
+    MHz."""
     start = float(np.nanmedian(time)) if np.isfinite(time).any() else 0.0
     return any(low < start < high for low, high in DAY_NUMBERS) and _usual_rate(time) > 1e5
 

@@ -22,6 +22,7 @@ _WORDS = {
     "nm": "N*m", "knm": "kN*m", "mnm": "mN*m", "ncm": "N*cm", "nmm": "N*mm",
     "lb": "lbf", "lbs": "lbf", "kp": "kgf", "kips": "kip", "newtons": "N", "sec": "s", "secs": "s", "sek": "s",
     "sekunden": "s", "secondes": "s", '"': "inch", "volts": "V", "m/s/s": "m/s**2", "gee": "g_0", "gn": "g_0",
+    "mil": "thou", "mils": "thou",
     "ft-lb": "foot*lbf", "in-lb": "inch*lbf", "lb-in": "inch*lbf", "lb-ft": "foot*lbf", "lbf-in": "inch*lbf",
     "in-lbf": "inch*lbf", "ft-lbf": "foot*lbf", "lbf-ft": "foot*lbf", "°c": "kelvin", "degc": "kelvin",
 }  # fmt: skip
@@ -120,7 +121,7 @@ def role_of(unit: str) -> str | None:
     """The role of a channel by its unit alone; None for volts, no unit and anything else."""
     for role in ("time", "displacement", "force", "acceleration"):
         found = _quantity(unit, role)
-        if found is not None and _working(found, role):
+        if found is not None and _working(found, role) and "joule" not in str(found.units):  # an energy, no torque
             return role
     return None
 

@@ -6,17 +6,22 @@ Arrays inside structs, struct arrays and cells are channels named by the way to 
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
 DEEPEST = 20  # of structs and cells within each other
 RATES = {"fs", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "sample_rate_hz", "fsample", "srate"}
+STARTS = {"t0", "t_start", "start_time", "start_time_s", "start_s", "wf_start_offset"}
+LATEST_S = 1e5  # what is more is a date, of which no unit is known
+STEPS = {"dt", "delta_t", "wf_increment", "sample_interval", "sample_interval_s"}
 _ARRAY, _COMPRESSED = 14, 15
 _KINDS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, _ARRAY, _COMPRESSED, 16, 17, 18}
 _HEADER = 128
@@ -75,6 +80,12 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
             arrays.append((name, item[()].T))  # MATLAB writes columns first
             unit = next((item.attrs[k] for k in ("unit", "units", "Unit", "Units") if k in item.attrs), "")
             units[name] = unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
+            # numbers stated of a dataset are read as those beside it are
+            arrays.extend(
+                (f"{name}.{k}", np.asarray(x))
+                for k, x in item.attrs.items()
+                if np.size(x) == 1 and np.asarray(x).dtype.kind in "iuf"
+            )
         elif item.dtype.names == ("real", "imag"):
             values = item[()].T
             arrays.append((name, values["real"] + 1j * values["imag"]))
@@ -146,9 +157,12 @@ def _recordings(
 ) -> list[Recording]:
     channels: list[Channel | None] = []
     rate = None
-    rates = [float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1 and _leaf(k) in RATES]
-    rates = [x for x in rates if x > 0]
-    if len(set(rates)) == 1:
+    numbers = {k: float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1}
+    own_rates = {k: x for k, x in numbers.items() if _leaf(k) in RATES and x > 0}
+    own_rates |= {k: 1 / x for k, x in numbers.items() if _leaf(k) in STEPS and x > 0}
+    starts = {k: x for k, x in numbers.items() if _leaf(k) in STARTS and "." in k and abs(x) < LATEST_S}
+    rates = list(own_rates.values())
+    if len({round(np.log(x), 9) for x in rates}) == 1:
         rate = rates[0]
     for name, values in arrays:
         values = np.squeeze(values)
@@ -158,7 +172,8 @@ def _recordings(
                 f"{file}: {name} is complex with an imaginary part; save real time histories, like real({name})"
             )
         if values.ndim == 1:
-            channels.append(channel(name, (units or {}).get(name, ""), values, rate, None, group))
+            own, start = (_beside(x, name, group) for x in (own_rates, starts))
+            channels.append(channel(name, (units or {}).get(name, ""), values, own or rate, start, group))
         elif values.ndim == 2:
             columns = values if values.shape[0] >= values.shape[1] else values.T
             if columns.shape[1] <= MOST_COLUMNS:
@@ -166,7 +181,17 @@ def _recordings(
     kept = [c for c in channels if c is not None]
     if not kept:
         raise CampaignError(f"{file}: no signals of 16 samples or more in it: {otherwise}")
-    return _parts(file, kept, what)
+    said = not_applied(f"{k} = {x:g}" for k, x in numbers.items() if k not in starts)
+    return [replace(x, warnings=said) for x in _parts(file, kept, what)]
+
+
+def _beside(numbers: Mapping[str, float], name: str, group: str) -> float | None:
+    """A number that is stated of an array, or in its struct."""
+    for parent in (name, group):
+        for key, x in numbers.items():
+            if parent and key.rpartition(".")[0] == parent:
+                return x
+    return None
 
 
 def _leaf(name: str) -> str:

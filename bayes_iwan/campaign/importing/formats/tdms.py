@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
@@ -23,7 +24,13 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
         nptdms.log.log_manager.set_level(logging.ERROR)  # what it logs of a cut file is said below
         whole = nptdms.TdmsFile.read(path)
         sources = [(group.name, source) for group in whole.groups() for source in group.channels()]
-        cut = (CUT,) if whole.file_status.incomplete_final_segment else ()
+        cut: tuple[str, ...] = (CUT,) if whole.file_status.incomplete_final_segment else ()
+        cut += not_applied(
+            f"{source.name}: {k} = {v}"
+            for _, source in sources
+            for k, v in source.properties.items()
+            if "Scale[" not in k
+        )
         clock = _starts([source.properties for _, source in sources])
         groups: dict[str, list[Channel]] = {}
         for (group, source), start in zip(sources, clock):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
 from bayes_iwan.campaign.importing.formats.lvm import read_lvm
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
@@ -255,7 +256,7 @@ def _recording(
             rate = 1 / step
     used = [k for k in table if k not in side and table[k].notna().any() and units[k].lower() != "sequence"]
     numeric = [k for k in used if pd.api.types.is_numeric_dtype(table[k])]
-    channels: dict[int, Channel] = {}
+    channels: dict[int, Channel] = {}  # by column: a time is of the channels behind it
     for k in numeric:
         name, unit = (names[k], units[k]) if units[k] and is_unit(units[k]) else split_name(names[k])
         if name.startswith("column ") and k == numeric[-1]:
@@ -267,7 +268,7 @@ def _recording(
         clocks, said = _clocks({k: table[k] for k in used if k not in numeric}, names)
         channels, notes = channels | clocks, (*notes, *said)
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
-    return Recording(file, part, kept, notes, rate)
+    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside]))
 
 
 def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...]]:

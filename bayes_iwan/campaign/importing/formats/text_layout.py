@@ -120,7 +120,7 @@ def decoded(file: str, raw: bytes, encoding: str | None) -> tuple[str, str]:
         raise CampaignError(f"{file}: encoding {encoding!r} is not known; utf-8, cp1252 and utf-16 are") from None
     except UnicodeError:
         raise CampaignError(f"{file}: not written in {encoding}; leave --encoding out, or name the right one") from None
-    text = text.removeprefix("\ufeff")
+    text = re.sub(r"−(?=[\d.,])", "-", text.removeprefix("\ufeff"))  # a typographer's minus
     return (text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text), encoding
 
 

@@ -1,0 +1,136 @@
+"""What a file states and an import does not apply is said; what only has a force's unit is not taken for the force."""
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+
+from bayes_iwan.campaign import CampaignError
+from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.questions import ImportAsks
+from bayes_iwan.campaign.importing.run import import_tests
+
+N, RATE_HZ, FREQUENCY_HZ, LATE_S = 1000, 250.0, 5.0, 0.008
+T = np.arange(N) / RATE_HZ
+
+
+def motion(t):
+    return np.sin(2 * np.pi * FREQUENCY_HZ * t)
+
+
+def force(t):
+    p = 2 * np.pi * FREQUENCY_HZ * t
+    return 50.0 * (np.sin(p + 0.4) + 0.1 * np.sin(3 * p))
+
+
+ENERGY_NMM = np.pi * 50.0 * np.sin(0.4)
+U, F, LATE_F = motion(T), force(T), force(T + LATE_S)
+
+
+def energy(test):
+    loop = test.loop
+    return float(np.mean(loop.force_N * loop.velocity_m_s) / loop.frequency_hz * 1e3)
+
+
+def text(path, head, *columns):
+    rows = [";".join(x if isinstance(x, str) else f"{x:.9f}" for x in row) for row in zip(*columns)]
+    path.write_text("\n".join([*head, *rows, ""]), encoding="utf-8")
+    return path
+
+
+def stamps(t):
+    return [str(np.datetime64("2024-03-01T23:59:58") + np.timedelta64(round(1e6 * x), "us"))[11:] for x in t]
+
+
+@pytest.mark.parametrize(
+    "line", ["Force start offset: 0.008 s", "t0=0.000;t0=0.008", "Kanal-Delay Kraft = 0,008", "Scale factor;1;1;10"]
+)
+def test_a_start_or_factor_above_a_table_is_said(tmp_path, line):
+    file = text(tmp_path / "a.csv", ["Sample rate: 250 Hz", line, "Displacement (mm);Force (N)"], U, LATE_F)
+    (test,) = import_tests([file])
+    assert any("which is not applied" in x for x in test.record.warnings)
+
+
+def test_neutral_statements_are_not_said():
+    assert not_applied(["Start time: 10:00:00", "Delay: 0.000 s", "Gain;1;1", "Scale = 1.0", "again 10"]) == ()
+
+
+def test_stamps_of_each_channel_align_them_across_midnight(tmp_path):
+    head = ["Zeit;Weg [mm];Zeit;Kraft [N]"]
+    (test,) = import_tests([text(tmp_path / "a.csv", head, stamps(T), U, stamps(T + LATE_S), LATE_F)])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+
+
+@pytest.mark.parametrize("name", ["Force error (N)", "Energy (Nm)", "Work (J)", "Kraft Soll (N)"])
+def test_what_only_has_the_unit_of_a_force_is_asked_for(tmp_path, name):
+    with pytest.raises(ImportAsks, match="No channel is known as force"):
+        import_tests([text(tmp_path / "a.csv", [f"Time (s);Displacement (mm);{name}"], T, U, F)])
+
+
+def test_the_measured_position_is_taken_beside_its_setpoint(tmp_path):
+    head = ["Time (s);Position setpoint (mm);Position actual (mm);Force (N)"]
+    (test,) = import_tests([text(tmp_path / "a.csv", head, T, 1.1 * U, U, F)])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+
+
+def test_mn_in_capitals_is_asked_for(tmp_path):
+    with pytest.raises(ImportAsks, match="meganewtons or millinewtons"):
+        import_tests([text(tmp_path / "a.csv", ["TIME (SEC);DISP (MM);LOAD (MN)"], T, U, 1e3 * F)])
+
+
+@pytest.mark.parametrize("first_day", [45_352.0, 739_312.0, 2_460_370.5])
+def test_days_of_spreadsheets_matlab_and_astronomers(tmp_path, first_day):
+    days = [f"{first_day + x / 86400:.12f}" for x in T]
+    (test,) = import_tests([text(tmp_path / "a.csv", ["Time;Displacement (mm);Force (N)"], days, U, F)])
+    assert test.loop.frequency_hz == pytest.approx(FREQUENCY_HZ, rel=0.02)
+
+
+def test_typographical_minus_and_mils(tmp_path):
+    cells = [f"{x:.9f}".replace("-", "−") for x in U / 0.0254]
+    (test,) = import_tests([text(tmp_path / "a.csv", ["Time (s);Displacement (mils);Force (N)"], T, cells, F)])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+
+
+def test_hdf5_attributes_give_unit_rate_and_start(tmp_path):
+    t = np.arange(2 * N) / (2 * RATE_HZ)
+    with h5py.File(tmp_path / "a.h5", "w") as out:
+        for name, values, unit, rate, start in (
+            ("displacement", U, "mm", RATE_HZ, 0.0),
+            ("force", force(t + LATE_S) / 1e3, "kN", 2 * RATE_HZ, LATE_S),
+        ):
+            one = out.create_dataset(name, data=values)
+            one.attrs.update({"units": unit, "sample_rate": rate, "start_time": start})
+    (test,) = import_tests([tmp_path / "a.h5"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+
+
+def test_structs_with_a_step_and_start_of_their_own(tmp_path):
+    laser = {"disp_mm": U, "dt": 1 / RATE_HZ, "t0": 0.0}
+    cell = {"force_N": LATE_F, "dt": 1 / RATE_HZ, "t0": LATE_S}
+    scipy.io.savemat(tmp_path / "a.mat", {"laser": laser, "cell": cell})
+    (test,) = import_tests([tmp_path / "a.mat"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+
+
+def test_durations_in_parquet_are_times(tmp_path):
+    table = pd.DataFrame({"t": pd.to_timedelta(T, unit="s"), "disp_mm": U, "force_N": F})
+    table.to_parquet(tmp_path / "a.parquet")
+    (test,) = import_tests([tmp_path / "a.parquet"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+
+
+def test_a_tdms_gain_is_said(tmp_path):
+    nptdms = pytest.importorskip("nptdms")
+    channels = [("Displacement", U, {"unit_string": "mm"}), ("Force", F / 10, {"unit_string": "N", "Gain": 10.0})]
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as out:
+        out.write_segment([nptdms.ChannelObject("g", n, x, {**p, "wf_increment": 1 / RATE_HZ}) for n, x, p in channels])
+    (test,) = import_tests([tmp_path / "a.tdms"])
+    assert any("Gain = 10" in x for x in test.record.warnings)
+
+
+@pytest.mark.parametrize("start, what", [(b"MDF     4.10    ", "ASAM MDF"), (b"\x93NUMPY\x01\x00", "NumPy array")])
+def test_formats_that_are_not_read_are_named(tmp_path, start, what):
+    (tmp_path / "a.dat").write_bytes(start + bytes(500))
+    with pytest.raises(CampaignError, match=what):
+        import_tests([tmp_path / "a.dat"])
