@@ -3,6 +3,7 @@
 import contextlib
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import time
@@ -262,6 +263,7 @@ def test_ctrl_c_in_a_terminal_says_how_to_go_on(tmp_path, made_up_campaign):
     def with_terminal() -> None:  # Ctrl-C reaches the processes of a session whose terminal this is
         os.setsid()
         fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell's background job inherits that it is ignored
 
     master, terminal = pty.openpty()
     out = tmp_path / "out"
