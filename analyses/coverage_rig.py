@@ -7,7 +7,7 @@ normal force and contact stiffness have slightly other shapes, and its sensors a
 kp, k(1) and the slip forces is that of the specimen in series with its sound fixture, which no loop tells apart; that
 of each test's dissipated energy comes from a run without noise and sensors. A specimen has 2000 elements, since the
 model's are infinitely many: with 150 (`--sliders 150`), whose stiffnesses differ by up to 15 %, the share of stiffness
-that slips below a force is a jagged curve, and its quartiles are up to 3 % off the smooth curve that loops show.
+that slips below a force is a jagged curve, whose quartiles stray from those of the smooth curve that loops show.
 `exact` specimens are the paper's model itself at what such a specimen's loops are fitted by, with the measured noise
 drawn anew.
 

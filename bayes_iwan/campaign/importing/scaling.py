@@ -87,8 +87,7 @@ def times_of(
 
 
 def _day_numbers(time: Array) -> bool:
-    """Whether a time without a unit counts days, as Excel and MATLAB do: in seconds it would have a rate of
-    MHz."""
+    """Whether a time without a unit counts days, as Excel and MATLAB do: in seconds it would have a rate of MHz."""
     start = float(np.nanmedian(time)) if np.isfinite(time).any() else 0.0
     return any(low < start < high for low, high in DAY_NUMBERS) and _usual_rate(time) > 1e5
 
