@@ -53,7 +53,7 @@ def test_a_start_or_factor_above_a_table_is_said(tmp_path, line):
 
 
 def test_neutral_statements_are_not_said():
-    assert not_applied(["Start time: 10:00:00", "Delay: 0.000 s", "Gain;1;1", "Scale = 1.0", "again 10"]) == ()
+    assert not_applied(["Start time: 10:00:00", "Delay: 0.000 s", "Gain;1;1", "Vertical Scale,0.5", "again 10"]) == ()
 
 
 def test_stamps_of_each_channel_align_them_across_midnight(tmp_path):
