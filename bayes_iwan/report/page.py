@@ -157,8 +157,8 @@ class Body:
         number = f"{self.anchor}-f{len(self.figures) + 1}"
         order, phone, renderer = Order(number, self._said(alt), png, FILES), None, self.page.renderer
         renderer.order(order, figure)
-        if not png and isinstance(figure, Shown) and figure.for_phone is not None:
-            again, phone = figure.for_phone(), Order(f"{number}-phone", self._said(alt), png, ())
+        if isinstance(figure, Shown) and figure.for_phone is not None:
+            again, phone = figure.for_phone(), Order(f"{number}-phone", self._said(alt), False, ())
             relabel(again, self.page.units)
             renderer.order(phone, again)
         picture = Picture(figure, self._said(caption), name or number, order, renderer, phone)

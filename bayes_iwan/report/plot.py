@@ -18,7 +18,7 @@ from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.batch.specimens import Batch
 from bayes_iwan.report.comparison_page import ranking_figure
-from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
+from bayes_iwan.report.diagnosis.diagnosis_files import drawn_of, figures_of_diagnosis
 from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figure
 from bayes_iwan.report.identification.law_figures import normal_force_figure, slip_density_figure, stiffness_figure
 from bayes_iwan.report.identification.loops import frequencies_figure, loops_figure, paper_fig3, residuals_figure
@@ -63,17 +63,19 @@ def loop(posterior: Posterior, test: str | int = 0, friction: bool = True) -> Fi
     return loops_figure(posterior, friction=friction, loops=[chosen])
 
 
+@styled
 def gap(diagnosis: Diagnosis, name: str = "headline") -> Figure:
     """A figure of a diagnosis by name: the budget of the gap ("headline"), and those of its page.
 
     Raises ValueError for a name that this diagnosis has no figure of.
     """
-    figures = diagnosis_figures(diagnosis)
+    figures = figures_of_diagnosis(diagnosis)
     if name not in figures:
         raise InputError(f'there is no figure "{name}" of this diagnosis; there are {", ".join(sorted(figures))}')
-    return figures[name]
+    return drawn_of(diagnosis, figures[name])
 
 
+@styled
 def specimens(batch: Batch) -> Figure:
     """Each quantity of every specimen of a batch over the population's band."""
     from bayes_iwan.report.batch.batch_page import parameters_figure

@@ -314,7 +314,7 @@ def svg(figure: Figure, name: str, alt: str) -> Markup:
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = re.sub(r'href="#', f'href="#{name}-', text)
     text = re.sub(r"url\(#", f"url(#{name}-", text)
-    text = re.sub(r'(?<= d=")[^"]+', lambda m: _short(m.group(0)), text)
+    text = re.sub(r'(?<= d=")[^"]+', lambda m: _path(m.group(0)), text)
     text = re.sub(r"(?<=<use )[^>]+", lambda m: _short(m.group(0)), text)
     used = set(re.findall(r"#([0-9a-f]{6})\b", text))
     if used <= KNOWN:
@@ -329,6 +329,27 @@ def svg(figure: Figure, name: str, alt: str) -> Markup:
         f'<title id="{name}-title">{escape(alt)}</title>'
     )
     return Markup(start + re.sub(r"\n\s*", "\n", text[head.end() :]))
+
+
+def _path(text: str) -> str:
+    """A path whose lines are steps from point to point, half as long; points to 0.1 pt, so that no error adds up."""
+    out, last, at, first = "", "", (0, 0), (0, 0)
+    for command, numbers in re.findall(r"([MLQCz])([^MLQCz]*)", text):
+        tenths = [round(10.0 * float(x)) for x in numbers.split()]
+        if command == "L":
+            step = " ".join(_tenths(x - at[i % 2]) for i, x in enumerate(tenths))
+            out += f" {step}" if last == "L" else f"l{step}"
+        else:
+            out += command + " ".join(map(_tenths, tenths))
+        at = (tenths[-2], tenths[-1]) if tenths else first
+        first = at if command == "M" else first
+        last = command
+    return out.replace(" -", "-")
+
+
+def _tenths(x: int) -> str:
+    whole, part = divmod(abs(x), 10)
+    return ("-" if x < 0 else "") + (f"{whole or ''}.{part}" if part else f"{whole}")
 
 
 def _short(text: str) -> str:

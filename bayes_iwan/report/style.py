@@ -248,6 +248,11 @@ def into_given_axes() -> bool:
     return _WISH.get().axes is not None
 
 
+def on_phone() -> bool:
+    """Is it the variant for a phone that is being made?"""
+    return _WISH.get().stacked
+
+
 def asked_width(default: float) -> float:
     """Inches of the figure that is being made."""
     return _WISH.get().width or default

@@ -80,10 +80,8 @@ class Answer(BatchSection):
     def populations(self) -> Sequence[tuple[object, ...]]:
         rows = []
         for name, p in self.r.populations.items():
-            if p.relative:
-                spread = "{:.3g} % [{:.2g}, {:.2g}]".format(*(100.0 * v for v in p.spread))
-            else:
-                spread = "{:.3g} [{:.2g}, {:.2g}]".format(*p.spread)
+            times, unit = self.r.spread_unit(name)
+            spread = "{:.3g} [{:.2g}, {:.2g}] {}".format(*(times * v for v in p.spread), unit)
             typical = "{:.4g} [{:.4g}, {:.4g}]".format(*p.typical)
             further = "{:.4g} to {:.4g}".format(*p.next_specimen)
             rows.append((self.r.label(name), len(p.names), typical, spread, further, f"{p.fits():.2f}"))

@@ -17,6 +17,8 @@ from bayes_iwan.report.style import BLUE, MODEL, ORANGE, house_style, save, styl
 #: inches of A4; quantities and specimens that one page has space for
 A4 = (8.27, 11.69)
 QUANTITIES, SPECIMENS, NAMED = 12, 25, 6
+#: heights of a line of text and of a row of the table, as shares of the page's
+LINE, ROW = 0.0175, 0.0185
 #: of quantities, in words that need no paper
 WORDS = {
     "kp_N_mm": "stiffness once all contacts slide",
@@ -33,9 +35,13 @@ def sheet_figure(batch: Batch) -> Figure:
     figure.text(0.08, 0.955, f"{len(batch.finished) + len(batch.failures)} specimens", fontsize=18, weight="bold")
     head = f"{len(batch.finished)} finished, {len(batch.failures)} failed · {date.today()} · bayes-iwan {__version__}"
     figure.text(0.08, 0.935, head, fontsize=9, color="#555555")
-    figure.text(0.08, 0.90, "\n".join(fill(x, 100) for x in _said(batch)), fontsize=9.5, va="top", linespacing=1.5)
-    _table(figure.add_axes((0.08, 0.47, 0.84, 0.26)), batch)
-    _ranking(figure.add_axes((0.30, 0.07, 0.62, 0.33)), batch)
+    said = "\n".join(fill(x, 100) for x in _said(batch))
+    figure.text(0.08, 0.90, said, fontsize=9.5, va="top", linespacing=1.5)
+    top = 0.87 - LINE * (said.count("\n") + 1)
+    rows = _table(figure.add_axes((0.08, top - 0.1, 0.84, 0.1)), batch)
+    top -= ROW * (rows + 1) + 0.05
+    high = min(0.03 + ROW * len(batch.unusual[:SPECIMENS]), top - 0.07)
+    _ranking(figure.add_axes((0.30, top - high, 0.62, high)), batch)
     return figure
 
 
@@ -65,7 +71,8 @@ def _said(batch: Batch) -> list[str]:
     return out + failed
 
 
-def _table(ax: Axes, batch: Batch) -> None:
+def _table(ax: Axes, batch: Batch) -> int:
+    """Draw it; how many rows it has below its head."""
     ax.axis("off")
     rows = []
     # a customer knows no symbols; with a simulator of one's own there are no words for them
@@ -73,7 +80,8 @@ def _table(ax: Axes, batch: Batch) -> None:
     for q in list(known or batch.populations)[:QUANTITIES]:
         p = batch.populations[q]
         width = p.typical[2] - p.typical[1]
-        spread = f"{100 * p.spread[0]:.2g} %" if p.relative else f"{p.spread[0]:.3g}"
+        times, unit = batch.spread_unit(q)
+        spread = f"{times * p.spread[0]:.2g} {unit}"
         low, high = p.next_specimen
         typical = f"{number(p.typical[0], width)} [{number(p.typical[1], width)}, {number(p.typical[2], width)}]"
         rows.append(
@@ -81,18 +89,20 @@ def _table(ax: Axes, batch: Batch) -> None:
         )
     if not rows:
         ax.text(0.0, 1.0, "Fewer than three specimens determine any quantity.", va="top", fontsize=9)
-        return
+        return 0
     table = ax.table(
         rows,
         colLabels=["quantity", "typical specimen [90 %]", "spread", "90 % of further ones"],
         loc="upper left",
         cellLoc="left",
-        colWidths=[0.44, 0.27, 0.08, 0.21],
+        colWidths=[0.43, 0.26, 0.1, 0.21],
         edges="horizontal",
     )
     table.auto_set_font_size(False)
     table.set_fontsize(8)
-    table.scale(1.0, 1.25)
+    for cell in table.get_celld().values():
+        cell.set_height(ROW / 0.1)
+    return len(rows)
 
 
 def _ranking(ax: Axes, batch: Batch) -> None:

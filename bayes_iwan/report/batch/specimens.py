@@ -104,6 +104,14 @@ class Batch:
         """A quantity as figures and tables name it."""
         return next(x.quantities[quantity].label for x in self.finished if quantity in x.quantities)
 
+    def spread_unit(self, quantity: str) -> tuple[float, str]:
+        """What a quantity's spread between specimens is multiplied by, and the unit that it then has: "%" (of the
+        typical value), or the quantity's own."""
+        if self.populations[quantity].relative:
+            return 100.0, "%"
+        unit = next(x.quantities[quantity].unit for x in self.finished if quantity in x.quantities)
+        return 1.0, unit.removeprefix("-")
+
     def quantities(self) -> list[str]:
         """Names of everything that was identified of at least one specimen."""
         return list(dict.fromkeys(q for x in self.finished for q in x.quantities))

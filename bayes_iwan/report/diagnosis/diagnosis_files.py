@@ -1,7 +1,8 @@
 """A diagnosis as files: `diagnosis.json`, `fits.json`, the page and the figures."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,10 @@ from bayes_iwan.diagnosis.diagnosis import diagnose_campaign
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import ALONG
 from bayes_iwan.files import clear, results_folder
-from bayes_iwan.report.diagnosis import budget_figures, gap_figures
+from bayes_iwan.report.diagnosis import budget_figures
 from bayes_iwan.report.diagnosis.budget_figures import CycleResidual
 from bayes_iwan.report.diagnosis.diagnosis_page import order_ahead, write_diagnosis_page
+from bayes_iwan.report.diagnosis.gap_figures import figures_of_gap
 from bayes_iwan.report.page import provenance
 from bayes_iwan.report.rendering import Renderer, shared
 from bayes_iwan.report.style import house_style, relabel
@@ -50,19 +52,21 @@ class Ahead(ProgressListener):
     @house_style()
     def located(self, found: Located) -> None:
         units = found.campaign.units
-        self.figures = gap_figures.figures_of_gap(pictures(found.residual, found.where, found.size))
+        self.figures = {
+            n: draw() for n, draw in figures_of_gap(pictures(found.residual, found.where, found.size)).items()
+        }
         for figure in self.figures.values():
             relabel(figure, units)
         order_ahead(self.figures, units, self.renderer)
 
 
-def diagnosis_figures(found: Diagnosis, ahead: Mapping[str, Figure] | None = None) -> dict[str, Figure]:
-    """Every figure of a diagnosis by name, in the campaign's own units; ahead : those that were made already."""
+def figures_of_diagnosis(found: Diagnosis) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure of a diagnosis, by name, in N and mm."""
     drawn = pictures(found.residual, found.where, found.before)
-    out = dict(ahead or gap_figures.figures_of_gap(drawn))
+    out = figures_of_gap(drawn)
     verdict, budget = found.verdict, found.budget
-    out["budget"] = budget_figures.budget_figure(budget, verdict.one_of)
-    out["probabilities"] = budget_figures.probabilities_figure(verdict.probabilities, verdict.names)
+    out["budget"] = partial(budget_figures.budget_figure, budget, verdict.one_of)
+    out["probabilities"] = partial(budget_figures.probabilities_figure, verdict.probabilities, verdict.names)
     causes = listed(verdict.names) if 0 < len(verdict.names) < 3 else "all named causes" if verdict.names else ""
     after = along_cycle(found.after_residual, found.after_residual.value) if verdict.causes else None
     average = [
@@ -70,14 +74,25 @@ def diagnosis_figures(found: Diagnosis, ahead: Mapping[str, Figure] | None = Non
         for t, name in enumerate(drawn.names)
     ]
     if verdict.causes:
-        out["before_after"] = budget_figures.before_after_figure(average, causes)
-        out["moved"] = budget_figures.moved_figure(found.moved)
-        out["shares"] = budget_figures.shares_figure(budget)
+        out["before_after"] = partial(budget_figures.before_after_figure, average, causes)
+        out["moved"] = partial(budget_figures.moved_figure, found.moved)
+        out["shares"] = partial(budget_figures.shares_figure, budget)
     shown = _changing(found, drawn.names) or (average[int(np.argmax(drawn.gap_N))],)
-    out["headline"] = budget_figures.headline_figure(budget, shown, causes, verdict.one_of)
-    for figure in out.values():
-        relabel(figure, found.campaign.units)
+    out["headline"] = partial(budget_figures.headline_figure, budget, shown, causes, verdict.one_of)
     return out
+
+
+def drawn_of(found: Diagnosis, draw: Callable[[], Figure]) -> Figure:
+    """A figure in the campaign's own units."""
+    figure = draw()
+    relabel(figure, found.campaign.units)
+    return figure
+
+
+def diagnosis_figures(found: Diagnosis, ahead: Mapping[str, Figure] | None = None) -> dict[str, Figure]:
+    """Every figure of a diagnosis by name, in the campaign's own units; ahead : those that were made already."""
+    ahead = ahead or {}
+    return {n: ahead[n] if n in ahead else drawn_of(found, draw) for n, draw in figures_of_diagnosis(found).items()}
 
 
 def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[CycleResidual, ...]:
@@ -137,4 +152,4 @@ def _write(found: Diagnosis, folder: Path, ahead: Ahead) -> Path:
 
 def headline_of(found: Diagnosis) -> Figure:
     """The answer of a diagnosis in one picture."""
-    return diagnosis_figures(found)["headline"]
+    return drawn_of(found, figures_of_diagnosis(found)["headline"])

@@ -1,7 +1,8 @@
 """Figures of the gap itself: where it is and how it grows, T tests, n samples a cycle, phase 0 the upward crossing."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib import colormaps
@@ -249,18 +250,19 @@ def gap_regions_figure(regions: Sequence[Statistic]) -> Figure:
     return figure
 
 
-def figures_of_gap(p: GapPictures) -> dict[str, Figure]:
-    """All figures of the gap itself, by name, from :func:`bayes_iwan.diagnosis.answer.gap_findings.pictures`."""
-    out = {
-        "gap_loops": gap_loops_figure(p),
-        "gap_map": gap_map_figure(p),
-        "gap_regions": gap_regions_figure(p.regions),
-        "gap_harmonics": gap_harmonics_figure(p),
+def figures_of_gap(p: GapPictures) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure of the gap itself, by name, from
+    :func:`bayes_iwan.diagnosis.answer.gap_findings.pictures`."""
+    out: dict[str, Callable[[], Figure]] = {
+        "gap_loops": partial(gap_loops_figure, p),
+        "gap_map": partial(gap_map_figure, p),
+        "gap_regions": partial(gap_regions_figure, p.regions),
+        "gap_harmonics": partial(gap_harmonics_figure, p),
     }
     if p.clock:
-        out["gap_growth"] = gap_growth_figure(p)
+        out["gap_growth"] = partial(gap_growth_figure, p)
     if any(len(x) > 1 for x in p.cycle):
-        out["gap_cycles"] = gap_cycles_figure(p)
+        out["gap_cycles"] = partial(gap_cycles_figure, p)
     return out
 
 

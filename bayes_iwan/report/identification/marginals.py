@@ -13,8 +13,22 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.frequencies import determined_names
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, Shown, narrow, styled, subplots
+from bayes_iwan.report.style import (
+    MODEL,
+    PRIOR,
+    RED,
+    Shown,
+    StyleError,
+    asked_width,
+    into_given_axes,
+    narrow,
+    on_phone,
+    styled,
+    subplots,
+)
 
+#: quantities of a corner plot on a phone, where more would be too small to read
+ON_PHONE = 4
 #: below this contraction the data have hardly said anything of a number
 OPEN = 0.5
 
@@ -100,18 +114,25 @@ def contraction_text(value: float) -> str:
     return f"{max(value, 0.0):.2f}" if value < 0.995 else (f"{value:.4f}" if value < 0.9999 else "> 0.9999")
 
 
+@styled
 def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None = None) -> Figure:
-    """A corner plot of draws by name, (n,) each: 50 and 90 % contours, marginals on the diagonal."""
+    """A corner plot of draws by name, (n,) each: 50 and 90 % contours, marginals on the diagonal.
+
+    Raises InputError where nothing varies, StyleError for axes of yours: it makes its own.
+    """
+    if into_given_axes():
+        raise StyleError("ax: a corner plot makes its own axes; give width=... or style=... instead")
     names = [n for n, x in draws.items() if np.all(np.isfinite(x)) and np.ptp(x) > 0]
     if not names:
         raise InputError("corner plot: no number varies among the draws")
+    names = names[:ON_PHONE] if on_phone() else names
     n = len(names)
     table = np.stack([draws[k] for k in names])
     shown = [labels.get(k, k) if labels else k for k in names]
     ranges = [_range(x) for x in table]
-    size = min(0.95 * n + 1.0, 14.0)
+    size = asked_width(min(0.95 * n + 1.0, 14.0))
     with (
-        mpl.rc_context({**RC, "axes.grid": False, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5}),
+        mpl.rc_context({"axes.grid": False, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5}),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # corner's own notes on sparse contours
@@ -133,7 +154,8 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
                     ax.hist(table[i], bins=30, range=ranges[i], color=MODEL, alpha=0.75, density=True)
                     ax.set_yticks([])
                     ax.spines["left"].set_visible(False)
-                    ax.set_title(shown[i], fontsize=8, pad=3)
+                    if not on_phone():
+                        ax.set_title(shown[i], fontsize=8, pad=3)
                 else:
                     corner.hist2d(
                         table[j],
@@ -190,11 +212,13 @@ def identifiable(posterior: Posterior) -> tuple[dict[str, Array], dict[str, str]
     return draws, labels
 
 
+@styled
 def identifiable_corner(posterior: Posterior) -> Figure:
     """Corner plot of the identifiable quantities."""
     return corner_figure(*identifiable(posterior))
 
 
+@styled
 def paper_corner(posterior: Posterior, names: Sequence[str] | None = None) -> Figure:
     """Corner plot of the paper's parameters (Table 1); expect ridges: loops do not determine most of them."""
     found = posterior.problem.model.derived(posterior.problem.parameter_values(posterior.flat_z(4000)))
