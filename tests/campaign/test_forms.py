@@ -109,7 +109,7 @@ def test_text(signal, separator, decimal, encoding, end, units, quoted, thousand
 @form
 @given(
     signals(),
-    st.sampled_from(["24 h", "12 h", "date beside", "iso", "minutes", "us counter", "german"]),
+    st.sampled_from(["24 h", "12 h", "date beside", "iso", "compact", "minutes", "us counter", "german"]),
     st.integers(1, 40),
 )
 def test_stamps_through_midnight_and_rollover(signal, kind, before):
@@ -118,7 +118,12 @@ def test_stamps_through_midnight_and_rollover(signal, kind, before):
     midnight = datetime.datetime(2024, 3, 1) - datetime.timedelta(seconds=before / rate)
     stamps = [midnight + datetime.timedelta(seconds=round(k / rate, 6)) for k in range(x.size)]
     formats = {"24 h": "%H:%M:%S.%f", "12 h": "%I:%M:%S.%f %p", "date beside": "%d.%m.%Y;%H:%M:%S.%f"}
-    formats |= {"iso": "%Y-%m-%dT%H:%M:%S.%f", "minutes": "%M:%S.%f", "german": "%d.%m.%Y %H:%M:%S,%f"}
+    formats |= {
+        "compact": "%Y%m%d %H%M%S.%f",
+        "iso": "%Y-%m-%dT%H:%M:%S.%f",
+        "minutes": "%M:%S.%f",
+        "german": "%d.%m.%Y %H:%M:%S,%f",
+    }
     head = "Datum;Zeit" if kind == "date beside" else "Zeit [us]" if kind == "us counter" else "Zeit"
     if kind == "us counter":
         cells = [f"{(2**32 - before * 1e6 / rate + k * 1e6 / rate) % 2**32:.1f}" for k in range(x.size)]
@@ -404,7 +409,49 @@ def test_codes_at_both_ends_of_the_range_are_no_force(signal, level):
 
 
 @form
-@given(signals(), st.sampled_from(["9.91E+37", "9.9E37", "∞", "1.#INF", "OL", "999999"]), st.integers(1, 4))
+@given(signals(), st.floats(0.5, 0.75))
+def test_an_integer_that_overflowed_is_refused(signal, share):
+    """Force beyond `share` of its amplitude wraps round; a force that jumps as friction does is none."""
+    rate, x, f = signal
+    limit = share * np.abs(f).max()
+
+    def write(force):
+        def into(folder):
+            rows = "".join(f"{k / rate:.7f};{a:.7f};{b:.6f}\n" for k, (a, b) in enumerate(zip(x, force)))
+            (folder / "a.csv").write_text("Time [s];Weg [mm];Kraft [N]\n" + rows)
+            return folder / "a.csv"
+
+        return into
+
+    with pytest.raises(CampaignError, match="an integer that overflowed"):
+        back(write((f + limit) % (2 * limit) - limit))
+    friction = np.sign(np.gradient(x)) + 0.1 * x / np.abs(x).max()
+    assert not any("overflowed" in w for w in back(write(limit * friction)).warnings)
+
+
+@pytest.mark.parametrize("unit", ["kg", "kgf"])
+def test_a_load_in_kilograms_is_a_force(tmp_path, unit):
+    t = np.arange(400) / 100.0
+    rows = "".join(f"{a:.2f};{np.sin(2 * np.pi * a):.6f};{2 * np.cos(2 * np.pi * a):.6f}\n" for a in t)
+    (tmp_path / "a.csv").write_text(f"Time [s];Stroke [mm];Load ({unit})\n{rows}")
+    (found,) = import_tests([tmp_path / "a.csv"], Recipe())
+    np.testing.assert_allclose(np.max(found.record.force_N), 2 * 9.80665, rtol=1e-4)
+
+
+def test_numpy_files_say_how_to_save_them(tmp_path):
+    np.savez(tmp_path / "a.npz", t=np.arange(20.0), f=np.arange(20.0))
+    with pytest.raises(CampaignError, match="NumPy arrays; save them with names and units"):
+        import_tests([tmp_path / "a.npz"], Recipe())
+
+
+@form
+@given(
+    signals(),
+    st.sampled_from(
+        ["9.91E+37", "9.9E37", "∞", "1.#INF", "OL", "999999", "#OVER", "-OVLD", "+++++", "Saturated", "*****"]
+    ),
+    st.integers(1, 4),
+)
 def test_overrange_is_missing_and_said(signal, code, wide):
     rate, x, f = signal
     over = np.zeros(x.size, dtype=bool)

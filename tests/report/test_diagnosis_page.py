@@ -333,7 +333,7 @@ def test_figures_show_what_they_are_given(found, figures):
     labels = [x.get_text() for x in probable.get_yticklabels()]
     assert labels[0] == "viscous damping" and any("unknown" in x for x in labels) and any("none" in x for x in labels)
     assert max(b.get_width() for b in probable.patches) == found.verdict.probabilities["viscous_damping"]
-    drawn = gap_figures.figures_of_gap(pictures())
+    drawn = {name: draw() for name, draw in gap_figures.figures_of_gap(pictures()).items()}
     loops = drawn["gap_loops"].axes
     assert sum(bool(ax.collections) and ax.get_title(loc="left") != "" for ax in loops) == T
     colours = loops[T - 1].collections[0].get_colors()

@@ -14,6 +14,8 @@ FAR = 20.0  # times the range of all other values: a code, no measurement
 END_CODES = frozenset(
     x for bits in (12, 14, 16, 18, 20, 24, 32) for x in (2**bits - 1, 2 ** (bits - 1) - 1, -(2 ** (bits - 1)))
 )
+#: jumps of a number that overflows, at least, and their share of all jumps: noise makes some reversals look like them
+FEWEST_WRAPS, MOST_WRAP = 6, 0.8
 FEW_LEVELS = 500  # over a channel's range: fewer are said
 LATTICE = 0.03  # of a step that values may be off its multiples
 #: words of what a file may state of a single channel and nothing here applies: when it starts, what it is multiplied by
@@ -60,6 +62,21 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
                 )
                 values = np.where(values == code, np.nan, values)
     return values, tuple(notes)
+
+
+def wrapped_round(values: Array, name: str) -> str:
+    """A word where a channel (n,) jumps from one end of its range to the other and goes on the way that it went before
+    the jump: an integer that overflowed. Friction that reverses goes on the way that it jumped."""
+    step = np.diff(values)
+    jump, before, after = np.sign(step[1:-1]), np.sign(step[:-2]), np.sign(step[2:])
+    far = np.abs(step[1:-1]) > 0.5 * (np.nanmax(values) - np.nanmin(values))
+    n = int(np.count_nonzero(far & (before == -jump) & (after == -jump)))
+    if n < FEWEST_WRAPS or n < MOST_WRAP * np.count_nonzero(far):
+        return ""
+    return (
+        f"{name!r} jumps {n} times from one end of its range to the other and goes on as before: an integer that "
+        "overflowed. Export it with more bits or as decimals"
+    )
 
 
 def without_repeats(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:

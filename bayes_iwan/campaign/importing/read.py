@@ -5,7 +5,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayes_iwan.campaign.importing.formats.excel import read_excel
+from bayes_iwan.campaign.importing.formats.excel import NUMPY, read_excel
 from bayes_iwan.campaign.importing.formats.matlab import read_hdf5, read_matlab
 from bayes_iwan.campaign.importing.formats.parquet import read_parquet
 from bayes_iwan.campaign.importing.formats.tdms import read_tdms
@@ -19,10 +19,7 @@ from bayes_iwan.campaign.recording.records import CampaignError
 #: formats that are known by their first bytes and not read: what to do with them
 OTHERS = (
     (b"MDF     ", "an ASAM MDF file; export its channels with one time raster as CSV, MAT or Parquet"),
-    (
-        b"\x93NUMPY",
-        'a NumPy array; save it with its names and units: numpy.savetxt(..., header="time_s disp_mm force_N")',
-    ),
+    (b"\x93NUMPY", f"a NumPy array; {NUMPY}"),
 )
 
 

@@ -15,7 +15,7 @@ from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ, cycles_as_time
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import NO_TIME, TRANSDUCER, Assigned, assign, matching, named
 from bayes_iwan.campaign.importing.clocks import Series, counted_on, paired, runs
-from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats
+from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats, wrapped_round
 from bayes_iwan.campaign.importing.joining import joined
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
 from bayes_iwan.campaign.importing.read import expanded, read_file
@@ -286,6 +286,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     ):
         raw, found_codes = without_codes(channel.values, channel.name)
         codes += found_codes
+        if wrapped := wrapped_round(raw, channel.name):
+            raise CampaignError(f"{where}: {wrapped}")
         raw, held = without_repeats(raw, channel.name)
         values, unit, line = scaled(replace(channel, values=raw), role, recipe, where)
         warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit))

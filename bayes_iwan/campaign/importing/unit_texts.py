@@ -20,7 +20,8 @@ _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "revolution")
 _WORDS = {
     "°": "deg", "grad": "deg", "degrees": "deg", "degree": "deg", "umdr": "turn",
     "nm": "N*m", "knm": "kN*m", "mnm": "mN*m", "ncm": "N*cm", "nmm": "N*mm",
-    "lb": "lbf", "lbs": "lbf", "kp": "kgf", "kips": "kip", "newtons": "N", "sec": "s", "secs": "s", "sek": "s",
+    "lb": "lbf", "lbs": "lbf", "kg": "kgf", "kgs": "kgf",
+    "kp": "kgf", "kips": "kip", "newtons": "N", "sec": "s", "secs": "s", "sek": "s",
     "sekunden": "s", "secondes": "s", '"': "inch", "volts": "V", "m/s/s": "m/s**2", "gee": "g_0", "gn": "g_0",
     "mil": "thou", "mils": "thou",
     "ft-lb": "foot*lbf", "in-lb": "inch*lbf", "lb-in": "inch*lbf", "lb-ft": "foot*lbf", "lbf-in": "inch*lbf",

@@ -10,6 +10,10 @@ from bayes_iwan.campaign.importing.recordings import Recording, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.table import FREE_EXPANSION, LARGEST_EXPANSION
 
+UNPACK = "a zip archive, no Excel workbook; unpack it and import what is in it"
+#: what to do with NumPy's own files, which hold no units
+NUMPY = 'save them with names and units: numpy.savetxt(..., header="time_s disp_mm force_N")'
+
 
 def read_excel(path: Path, file: str) -> list[Recording]:
     """Each sheet of a workbook that holds rows of numbers, read as a text table is."""
@@ -18,7 +22,8 @@ def read_excel(path: Path, file: str) -> list[Recording]:
         with zipfile.ZipFile(path) as packed:
             names, size = packed.namelist(), sum(x.file_size for x in packed.infolist())
         if "xl/workbook.xml" not in names:
-            raise CampaignError(f"{file}: a zip archive, no Excel workbook; unpack it and import what is in it")
+            what = f"NumPy arrays; {NUMPY}" if names and all(x.endswith(".npy") for x in names) else UNPACK
+            raise CampaignError(f"{file}: {what}")
         if size > max(FREE_EXPANSION, LARGEST_EXPANSION * path.stat().st_size):
             raise CampaignError(f"{file}: unpacks to {size // 1_000_000} MB, which no workbook does; save it as CSV")
         book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)

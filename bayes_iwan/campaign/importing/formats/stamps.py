@@ -18,11 +18,15 @@ _PARTS = (
     r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?:Z|[+-]\d\d:?\d\d)?$"
 )
 _MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
+#: 20240301 115958.123, 20240301T115958
+_COMPACT = re.compile(r"^(\d{4})(\d\d)(\d\d)[ T_-](\d\d)(\d\d)(\d\d)(?!\d)")
+_SPELT = r"\1-\2-\3 \4:\5:\6"
 _DAY_S = 86_400.0
 
 
 def is_stamp(cell: str) -> bool:
     """Whether a cell is a date, a time of day or both."""
+    cell = _COMPACT.sub(_SPELT, cell)
     return any(c in cell for c in ":-./ ") and bool(STAMP.fullmatch(cell)) and not re.fullmatch(r"[\d.]*", cell)
 
 
@@ -36,7 +40,7 @@ def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[A
 
     dates : a column of dates beside a column of times.
     """
-    parts = pd.Series(list(cells)).str.strip().str.extract(_PARTS)
+    parts = pd.Series(list(cells)).str.strip().str.replace(_COMPACT, _SPELT, regex=True).str.extract(_PARTS)
     if parts["a"].isna().any():
         return None
     a, b = parts["a"].astype(float).to_numpy(), parts["b"].astype(float).to_numpy()

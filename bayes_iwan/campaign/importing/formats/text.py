@@ -15,14 +15,14 @@ from bayes_iwan.campaign.importing.formats.lvm import read_lvm
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
     MISSING,
-    OVER,
     SEPARATORS,
-    UNDER,
     Layout,
     Style,
     decoded,
     find_style,
+    is_missing,
     names_and_units,
+    range_passed,
     stated_rate,
 )
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording
@@ -111,7 +111,7 @@ def _without_summary(body: str, style: Style) -> tuple[str, tuple[str, ...]]:
     while end > max(len(lines) - SUMMARY, FEWEST_SAMPLES) and re.match(r"\s*(\"?[^\W\d_]{2}|$)", lines[end - 1]):
         end -= 1
     words = [style.cells(line)[0].lower() for line in lines[end:] if line.strip()]
-    if not words or any(w in OVER or w in UNDER or w in MISSING for w in words):
+    if not words or any(is_missing(w) or range_passed(w) is not None for w in words):
         return body, ()
     return "\n".join(lines[:end]) + "\n", (f"{len(words)} line(s) of words below the table dropped",)
 
@@ -120,7 +120,7 @@ def _without_remarks(body: str) -> tuple[str, tuple[str, ...]]:
     """The body with lines that begin as remarks do made empty, and a word on them."""
     if not re.search(r"\n[ \t]*(#|//|!)", body):
         return body, ()
-    body, n = re.subn(r"(?m)^[ \t]*(#(?!IND|N/A|INF)|//|!).*$", "", body)
+    body, n = re.subn(r"(?m)^[ \t]*(#(?!IND|N/A|INF|OVER)|//|!).*$", "", body)
     return body, (f"{n} line(s) of remarks dropped",)
 
 
@@ -190,9 +190,7 @@ def _number(cell: object, style: Style) -> float | None:
     if style.is_number(cell):
         other = "," if style.decimal == "." else "."
         return float(re.sub(rf"[{other} '’\u00a0\u202f]", "", cell).replace(",", ".").lower().replace("d", "e"))
-    if cell in MISSING:
-        return np.nan
-    return np.inf if cell.lower() in OVER else -np.inf if cell.lower() in UNDER else None
+    return np.nan if is_missing(cell) else range_passed(cell)
 
 
 def _words(cell: object) -> bool:

@@ -2,6 +2,7 @@
 
 import codecs
 import csv
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +13,10 @@ from bayes_iwan.campaign.importing.unit_texts import decimal_point, is_unit, rol
 from bayes_iwan.campaign.recording.records import CampaignError
 
 MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "#N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
-#: what recorders write where the range was passed
-OVER = {"∞", "+∞", "inf", "+inf", "infinity", "+infinity", "1.#inf", "ol", "+ol", "over", "overrange", "overflow"}
-OVER |= {"overload", "ovfl", "ovld", "ovrflw", "+over"}
-UNDER = {"-∞", "−∞", "-inf", "-infinity", "-1.#inf", "-ol", "-over", "under", "underflow", "underrange"}
+#: what recorders write where the range was passed, without the marks (#OVER, <OL>) and the sign around it
+_PASSED = {"∞", "inf", "infinity", "1.#inf", "ol", "ovl", "over", "overrange", "overflow", "overload", "ovfl", "ovld"}
+_PASSED |= {"ovrflw", "saturated", "saturation", "clipped", "clipping"}
+_BELOW = {"under", "underflow", "underrange"}
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", r"\s+": "blanks"}
 NAMED = {"tab": "\t", "tabs": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "blank": r"\s+", "blanks": r"\s+"}
 NAMED |= {"space": r"\s+", "spaces": r"\s+", "bar": "|"}
@@ -102,11 +103,28 @@ class Style:
         """How many more numbers than texts a row of the table has: 0 for what is no row."""
         n = others = 0
         for cell in cells:
-            if self.is_number(cell) or cell.lower() in OVER or cell.lower() in UNDER:
+            if self.is_number(cell) or range_passed(cell) is not None:
                 n += 1
-            elif cell not in MISSING and not is_stamp(cell):
+            elif not is_missing(cell) and not is_stamp(cell):
                 others += 1
         return max(n - others, 0)
+
+
+def range_passed(cell: str) -> float | None:
+    """±inf for a cell that says that the range was passed (OL, #OVER, -OVLD, +++++, *****), None for any other."""
+    word = cell.lower().strip("#<>[]()! ")
+    if re.fullmatch(r"\+{2,}|\*{2,}", word):
+        return math.inf
+    if word in _BELOW:
+        return -math.inf
+    if word.lstrip("+-−") in _PASSED:
+        return -math.inf if word[0] in "-−" else math.inf
+    return None
+
+
+def is_missing(cell: str) -> bool:
+    """Whether a cell says that there is no number."""
+    return cell in MISSING or re.fullmatch("-{4,12}", cell) is not None
 
 
 def decoded(file: str, raw: bytes, encoding: str | None) -> tuple[str, str]:
