@@ -20,8 +20,8 @@ from bayes_iwan.models.kernels.sliders import OCTAVES
 from bayes_iwan.models.motion import Motion
 from bayes_iwan.models.slip_force import SlipForce
 
-#: terms of the deviation of the slip forces' density. With twelve, 90 % intervals of the slip forces' quartiles hold
-#: 90 to 97 % instead of 73 to 87 (`analyses/guide/measured.md`), but emcee is far from convergence in four minutes
+#: terms of the deviation of the slip forces' density. The more, the more truths the intervals of the slip forces'
+#: quartiles hold, but with ten emcee takes 1.4 times as long, with six no less (`analyses/guide/measured.md`)
 SLIP_TERMS = 8
 SLIP_NAMES = tuple(f"slip_deviation{k}" for k in range(1, SLIP_TERMS + 1))
 STIFFNESS_NAME, CORNER_NAME = "stiffness_exponent", "normal_force_corner"

@@ -23,7 +23,7 @@ from bayes_iwan.models.kernels.sliders import OCTAVES
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 #: cells of p on which the deviating distribution is tabulated: of prior draws the cubics' error is below 2e-6 of the
-#: mean slip force on the median and 1e-4 at most (tests/models/test_embedded.py)
+#: mean slip force on the median and 2e-4 at most (tests/models/test_embedded.py)
 _P_CELLS = 64
 _GAUSS, _WEIGHTS = legendre.leggauss(3)
 

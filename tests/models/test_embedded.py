@@ -12,7 +12,7 @@ from bayes_iwan.models.iwan_parameters import SLIP_SD
 from bayes_iwan.models.slip_force import FAMILIES
 
 NUMBERS = {"t1_N": 0.3, "eta1": 0.9, "g1": 0.4, "t2_N": 0.2, "eta2": 5.0, "g2": 0.6}
-SLIP_TERMS = (0.3, -0.25, 0.2, 0.1, -0.15, 0.1)
+SLIP_TERMS = (0.3, -0.25, 0.2, 0.1, -0.15, 0.1, 0.05, -0.08)
 NONE = (0.0,) * len(SLIP_NAMES)
 REFERENCE = Reference(1.0, 0.12566)
 
@@ -77,7 +77,7 @@ def test_tables_of_deviations_hold_the_mean_force_of_limited_elements():
     series._cells_basis.cache_clear()
     off = np.max(np.abs(found - fine), axis=1) / np.max(fine, axis=1)
     assert np.median(off) < 2e-6
-    assert np.max(off) < 1e-4
+    assert np.max(off) < 2e-4
 
 
 def test_the_exponent_leaves_k1_and_bends_the_rest():
