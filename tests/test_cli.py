@@ -82,6 +82,14 @@ def test_python_m_bayes_iwan():
     assert done.stdout.startswith("bayes-iwan ")
 
 
+def test_results_where_a_campaign_is_wanted(tmp_path, capsys):
+    (tmp_path / "run.json").write_text("{}")
+    (tmp_path / "summary.csv").write_text("name\n")
+    assert cli.main(["diagnose", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert "the results of a run, no campaign" in said and "import" not in said
+
+
 def test_recordings_where_a_campaign_is_wanted(tmp_path, capsys):
     (tmp_path / "run 1.csv").write_text("t,x,F\n")
     for path in (tmp_path / "run 1.csv", tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bayes_iwan import __version__
 from bayes_iwan.cli.command import quoted
-from bayes_iwan.files import OutputError
+from bayes_iwan.files import RECORD, OutputError
 
 LOG_FILE = "log.txt"
 RECORDINGS = (
@@ -17,10 +17,15 @@ RECORDINGS = (
 
 
 def refuse_recordings(path: str) -> None:
-    """Raise OutputError, with the command to run, for recordings given where a campaign is wanted."""
+    """Raise OutputError, with the command to run, for recordings or results given where a campaign is wanted."""
     here = Path(path)
     if here.name == "campaign.toml" or (here / "campaign.toml").is_file():
         return
+    if (here / RECORD).is_file():
+        raise OutputError(
+            f"{path}: the results of a run, no campaign; {RECORD} in it names the campaign. These commands take "
+            "results: bayes-iwan report, bayes-iwan export"
+        )
     inside = here.is_dir() and any(p.suffix.lower() in RECORDINGS for p in here.iterdir() if p.is_file())
     if here.is_file() or inside:
         what = "a folder of recordings" if inside else "a recording"

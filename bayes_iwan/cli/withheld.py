@@ -18,6 +18,7 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     argument("--exclude-law", metavar="NAME:LAW", action="append", default=[], help="a law that is not drawn"),
     argument("--exclude-outside", metavar="NAME", action="append", default=[], help="an unlisted cause not drawn"),
     *workers(),
+    examples=("bayes-iwan withheld make 20 --out cases",),
 )
 def run_make(args: argparse.Namespace) -> None:
     from bayes_iwan.withheld.sealed import make
@@ -42,6 +43,7 @@ def run_make(args: argparse.Namespace) -> None:
     argument("--out", metavar="DIR", help="folder for the answers (default: DIR/answers)"),
     argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
     *workers(),
+    examples=("bayes-iwan withheld answer cases --quick --workers 2",),
 )
 def run_answer(args: argparse.Namespace) -> None:
     from bayes_iwan.diagnosis.diagnosis import diagnose_case
@@ -68,6 +70,7 @@ def run_answer(args: argparse.Namespace) -> None:
         "--excluded", metavar="NAME", action="append", default=[], help="law (NAME:LAW) or kind not calibrated on"
     ),
     argument("--allow-effects-file", action="store_true", help="run the code of the Python files that answers name"),
+    examples=("bayes-iwan withheld score cases --truth cases-truth/truth.json --out scores",),
 )
 def run_score(args: argparse.Namespace) -> None:
     from bayes_iwan.report.withheld_scores import write_score

@@ -130,7 +130,10 @@ def torn(page: Path, pdf: Path) -> list[str]:
         said = _squeezed(unescaped(heading))
         if any(text.endswith(said) for text in squeezed[:-1]):
             bad.append(f"{heading}: ends a page")
-    for svg, name in re.findall(r"<figure>.*?(<svg.*?</svg>).*?\[([a-z_0-9]+)\]</span>", html, re.S):
+    printable = re.sub(r'<div class="picture phone">.*?</div>', "", html, flags=re.S)
+    for svg, name in re.findall(
+        r"<figure>(?:(?!</figure>).)*?(<svg.*?</svg>).*?\[([a-z_0-9]+)\]</span>", printable, re.S
+    ):
         words = [_squeezed(unescaped(w)) for w in re.findall(r"<text[^>]*>([^<]{6,})</text>", svg)]
         here = [text for text in squeezed if f"[{name}]" in text]
         if not here:

@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import bayes_iwan as bi
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
@@ -406,12 +407,20 @@ def test_what_is_drawn_ahead_of_the_verdict_changes_no_file(tmp_path, found, mon
             assert (tmp_path / "ahead" / name).read_bytes() == (tmp_path / "after" / name).read_bytes(), name
 
 
+def test_one_figure_of_a_diagnosis_takes_style_width_and_axes(found):
+    assert bi.plot.gap(found, width="column").get_size_inches()[0] == pytest.approx(3.5)
+    own = Figure()
+    assert bi.plot.gap(found, "probabilities", ax=own.subplots(), style={"lines.linewidth": 7.0}) is own
+    with pytest.raises(ValueError, match='no figure "nothing"'):
+        bi.plot.gap(found, "nothing")
+
+
 def test_many_tests_and_single_blocks_draw():
     p = pictures()
     many = {k: np.concatenate([v] * 6) for k, v in vars(p).items() if isinstance(v, np.ndarray)}
     many |= {k: tuple(x[:1] for x in getattr(p, k) * 6) for k in ("cycle", "along_N", "along_low_N", "along_high_N")}
     drawn = gap_figures.figures_of_gap(replace(p, names=tuple(f"test {i}" for i in range(6 * T)), **many))
-    assert "gap_cycles" not in drawn and len(drawn["gap_loops"].axes) == 6 * T + 1
+    assert "gap_cycles" not in drawn and len(drawn["gap_loops"]().axes) == 6 * T + 1
 
 
 def test_figure_files(tmp_path, found, figures, figure_files):

@@ -138,4 +138,4 @@ def test_loo_pit_is_uniform_and_without_means(posterior):
 
 def test_short_runs_have_walkers_enough_for_the_paper_s_model(posterior):
     ndim = make_problem(posterior.problem.loops).ndim
-    assert ndim == 27 and all(short.sampling.walkers >= 2 * ndim + 2 for short in (per_frequency.SHORT, SHORT))
+    assert ndim == 29 and all(short.sampling.walkers >= 2 * ndim + 2 for short in (per_frequency.SHORT, SHORT))

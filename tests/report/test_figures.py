@@ -165,6 +165,11 @@ def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_pa
         assert bi.plot.save(figure, tmp_path / name).stat().st_size > 1000
     with pytest.raises(ValueError, match="panels, 1 axes"):
         bi.plot.trends(posterior, ax=ax)
+    whole = bi.plot.corner(posterior, width="page")
+    assert whole.get_figwidth() == 7.2
+    assert len(bi.plot.corner(posterior).for_phone().axes) == 10 < len(whole.axes)  # four quantities alone
+    with pytest.raises(ValueError, match="makes its own axes"):
+        bi.plot.corner(posterior, ax=ax)
     with pytest.raises(ValueError, match="use 'column', 'page' or inches"):
         bi.plot.loops(posterior, width="colum")
     with pytest.raises(ValueError, match='did you mean "f10_a0'):

@@ -35,7 +35,7 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
     if posterior.quick:
         out.append(
             "Quick: a normal approximation about the most probable points, not sampled; a first result, with "
-            "intervals that are too narrow."
+            "approximate intervals."
         )
     elif not posterior.converged:
         out.append(f"The chains have not converged ({posterior.message}); read every interval as too narrow.")

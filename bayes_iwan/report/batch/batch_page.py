@@ -81,7 +81,7 @@ class Answer(BatchSection):
         rows = []
         for name, p in self.r.populations.items():
             times, unit = self.r.spread_unit(name)
-            spread = "{:.3g} [{:.2g}, {:.2g}] {}".format(*(times * v for v in p.spread), unit)
+            spread = "{:.3g} [{:.2g}, {:.2g}]".format(*(times * v for v in p.spread)) + f" {unit}"
             typical = "{:.4g} [{:.4g}, {:.4g}]".format(*p.typical)
             further = "{:.4g} to {:.4g}".format(*p.next_specimen)
             rows.append((self.r.label(name), len(p.names), typical, spread, further, f"{p.fits():.2f}"))

@@ -130,9 +130,9 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
     table = np.stack([draws[k] for k in names])
     shown = [labels.get(k, k) if labels else k for k in names]
     ranges = [_range(x) for x in table]
-    size = asked_width(min(0.95 * n + 1.0, 14.0))
+    size, letters = asked_width(min(0.95 * n + 1.0, 14.0)), 7.5 if on_phone() else 6.5
     with (
-        mpl.rc_context({"axes.grid": False, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5}),
+        mpl.rc_context({"axes.grid": False, "xtick.labelsize": letters, "ytick.labelsize": letters}),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # corner's own notes on sparse contours
