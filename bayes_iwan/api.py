@@ -394,7 +394,7 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike, *, overw
     if isinstance(result, Comparison):
         from bayes_iwan.report.comparison_page import comparison_report
 
-        origin = folder_of(result.entries[0].posterior.campaign)
+        origin = folder_of(result.campaign)
         with results_folder(folder, "compare", origin, overwrite=overwrite) as out:
             return comparison_report(result, out)
     raise TypeError(f"{type(result).__name__} is no result of identify, diagnose or compare")

@@ -149,14 +149,14 @@ class Comparison:
     Attributes
     ----------
     campaign
-        its name.
+        whose tests were fitted; None for loops that came from no campaign.
     by
         "loo" or "tests", which of the two predictive densities ranks them.
     entries
         a family each, with its posterior, residual and predictive densities.
     """
 
-    campaign: str
+    campaign: Campaign | None
     by: str
     entries: tuple[Entry, ...]
 
@@ -255,7 +255,7 @@ def compare_families(
         settings = replace(settings, search=SHORT.search)
     if settings.sampling == SamplingSettings():
         settings = replace(settings, sampling=SHORT.sampling)
-    title, loops = _loops(campaign, settings)
+    source, loops = _loops(campaign, settings)
     # a family travels with the file of the user's that its simulator comes from
     common = (UserFiles.of([] if own is None else [own]), loops, settings, seed)
     entries = []
@@ -275,19 +275,19 @@ def compare_families(
         by = "loo" if all(e.loo.holds for e in entries) or entries[0].tests is None else "tests"
     if by == "tests" and entries[0].tests is None:
         raise CompareError("ranking by held-out tests needs at least three tests that are fitted")
-    unranked = Comparison(title, by, tuple(entries))
+    unranked = Comparison(source, by, tuple(entries))
     order = sorted(entries, key=lambda e: -float(unranked._pointwise(e).sum()))
-    return Comparison(title, by, tuple(order))
+    return Comparison(source, by, tuple(order))
 
 
 def _loops(
     campaign: Campaign | str | os.PathLike[str] | Sequence[Loop], settings: IdentifySettings
-) -> tuple[str, tuple[Loop, ...]]:
+) -> tuple[Campaign | None, tuple[Loop, ...]]:
     if isinstance(campaign, str | os.PathLike):
         campaign = read_campaign(campaign)
     if not isinstance(campaign, Campaign):
-        return "", tuple(campaign)
-    return campaign.name, campaign.loops(**asdict(settings.loops))
+        return None, tuple(campaign)
+    return campaign, campaign.loops(**asdict(settings.loops))
 
 
 def _entry(common: tuple[UserFiles, Sequence[Loop], IdentifySettings, int], family: Family) -> Entry:

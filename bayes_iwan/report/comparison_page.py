@@ -3,13 +3,14 @@
 import os
 from dataclasses import astuple
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.families import Comparison
 from bayes_iwan.report.page import Page, Section, Table, provenance
-from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, on_phone, styled, subplots
 
 
 @styled
@@ -17,7 +18,9 @@ def ranking_figure(comparison: Comparison) -> Figure:
     """Differences of expected log predictive density from the best family, with standard errors; residual shares."""
     rows = comparison.rows()
     n = len(rows)
-    figure, axes = subplots(1, 2, 7.6, 0.32 * n + 1.2, sharey=True, width_ratios=(1.5, 1))
+    figure, axes = subplots(
+        1, 2, 7.6, 0.32 * n + 1.2, **({} if on_phone() else {"sharey": True, "width_ratios": (1.5, 1)})
+    )
     left, right = axes[0]
     at = np.arange(n)
     left.axvline(0.0, color="#777777", linewidth=0.7)
@@ -38,8 +41,9 @@ def ranking_figure(comparison: Comparison) -> Figure:
         ticks = [0.0, *(-(10.0**k) for k in range(1, int(np.log10(spread)) + 1))]
         left.set_xticks(ticks, ["0", *(f"−{-t:,.0f}".replace(",", " ") for t in ticks[1:])])
         left.minorticks_off()
-    left.set_yticks(at, [r.label for r in rows])
-    left.set_ylim(n - 0.4, -0.6)
+    for ax in (left, right) if on_phone() else (left,):
+        ax.set_yticks(at, [fill(r.label, 22) if on_phone() else r.label for r in rows])
+        ax.set_ylim(n - 0.4, -0.6)
     left.set_xlabel("difference of expected log\npredictive density ± SE")
     right.barh(at, [100.0 * r.residual_share for r in rows], color=ORANGE, height=0.55)
     for i, r in enumerate(rows):
@@ -103,7 +107,11 @@ class Answer(ComparisonSection):
         elif others:
             worse = -others[0].difference
             said += f" Every other one predicts worse, the next ({others[0].label}) by {worse:.0f} nats."
-        found = [(said, True, "")]
+        found = [(said[0].upper() + said[1:], True, "")]
+        if self.r.by == "loo" and (poor := sum(not r.loo_holds for r in rows)):
+            found.append(
+                (f"The Pareto k of {poor} families are too high: rank by held-out tests (--by tests).", False, "")
+            )
         if short := [r.label for r in rows if not r.converged]:
             found.append((f"Not converged, so that their density is some nats off: {', '.join(short)}.", False, ""))
         return found
@@ -151,11 +159,11 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
     out, first = Path(out_dir), comparison.entries[0]
     comparison_table(comparison).write_csv(out)
     page = Page(
-        f"Model families compared: {comparison.campaign or 'loops'}",
+        f"Model families compared: {'loops' if comparison.campaign is None else comparison.campaign.name}",
         f"{len(comparison.entries)} families, ranked by expected log predictive density",
         "The numbers of this page are in compare.csv.",
         first.posterior.problem.units,
-        provenance(first.posterior.campaign, first.posterior.seed),
+        provenance(comparison.campaign, first.posterior.seed),
     )
     page.add(Answer(comparison), Ranking(comparison))
     if comparison.answers():
