@@ -255,6 +255,17 @@ def test_an_option_of_before_is_refused_with_its_new_name(capsys):
     assert "is called --workers now; write --workers tcp://host:8786" in capsys.readouterr().err
 
 
+def test_a_campaign_and_a_citation_show_themselves(made_up_campaign):
+    """Short, without a path of this machine, and safe as HTML."""
+    campaign = replace(bi.read_campaign(made_up_campaign), name="a<b", path=Path("/home/somebody/rig/specimen"))
+    many = replace(campaign, tests=campaign.tests * 40)
+    assert "specimen" in repr(campaign) and "/home" not in repr(campaign) and "f10_a1.csv" in repr(campaign)
+    assert len(repr(many).splitlines()) < 40 and f"{len(many.tests) - 30} more" in repr(many)
+    assert "a&lt;b" in campaign._repr_html_() and "a<b" not in campaign._repr_html_()
+    cited = bi.cite()
+    assert cited._repr_html_().count("<p>") == len(cited.splitlines()) and "emcee" in cited._repr_html_()
+
+
 @pytest.mark.parametrize("kind", ["scales", "settings", "loop", "arrays"])
 def test_reprs_fit_a_screen(kind):
     """What a notebook shows of a dataclass: lines of 100 characters at most, arrays by their shape."""

@@ -1,5 +1,7 @@
 """How to cite the package and what it is built on."""
 
+from html import escape
+
 from bayes_iwan import __version__
 from bayes_iwan.arrays import wrapped
 
@@ -42,6 +44,9 @@ class Citation(str):
 
     def __repr__(self) -> str:
         return "\n".join(map(wrapped, self.splitlines()))
+
+    def _repr_html_(self) -> str:
+        return "".join(f"<p>{escape(line)}</p>" for line in self.splitlines())
 
 
 def cite() -> Citation:

@@ -5,12 +5,13 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array, wrapped
 from bayes_iwan.campaign.loops.averaging import Loop, average, in_band
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import (
@@ -36,6 +37,7 @@ CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz", "
 #: numbers that a user may expect to be applied to a record; none is, so they are not taken for a property of the test
 NOT_APPLIED = re.compile(r"(gain|scale|factor|offset|sign|sensitivity|delay|calibration)($|_)", re.IGNORECASE)
 WITHOUT_CLOCK_HZ = 1.0  # frequency of every test of a campaign without a clock: the cycle is the unit of time
+MOST_SHOWN = 30  # tests that a campaign shows of itself, so that it fits a screen
 TYPO = 0.88  # likeness from which a key of a test is taken for a known one misspelt
 
 
@@ -80,7 +82,15 @@ class Campaign:
     from_acceleration: bool = False  # the displacement was integrated from an accelerometer's channel
     limits: RigLimits = field(default_factory=RigLimits)  # what the rig can do, as [rig] states it
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        said = f": {self.description}" if self.description else ""
+        head = f"campaign {self.name} (folder {self.path.name or self.path}), {len(self.tests)} tests{said}"
+        lines = [wrapped(head), *(f"  {test!r}" for test in self.tests[:MOST_SHOWN])]
+        more = len(self.tests) - MOST_SHOWN
+        return "\n".join([*lines, *([f"  … and {more} more, all in .tests"] if more > 0 else [])])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
 
     @property
     def units(self) -> Units:

@@ -246,7 +246,7 @@ def gap_regions_figure(regions: Sequence[Statistic]) -> Figure:
     ax.axvline(whole, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
     ax.set_yticks(y, [x.name for x in regions])
     ax.set_xlim(left=0.0)
-    ax.set_xlabel("gap there (N RMS); at the right its share of the whole; dashed: the whole loop")
+    ax.set_xlabel("gap there (N RMS), its share of the whole in %; dashed: the whole loop")
     return figure
 
 
