@@ -78,7 +78,7 @@ def fitted(rule: str, path: str) -> dict[str, Any]:
         "gap_share": {named(k): s.all.share for k, s in found.models.sizes.items()},
         "gap_resolved": {named(k): s.all.resolved_share for k, s in found.models.sizes.items()},
         "along_N": {named(k): s.along.rms_N for k, s in found.models.sizes.items()},
-        "noise_N": found.sizes[frozenset()].all.noise_N,
+        "noise_N": found.models.sizes[frozenset()].all.noise_N,
         "held_out": [
             {
                 "by": u.by,

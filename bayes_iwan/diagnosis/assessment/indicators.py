@@ -59,14 +59,17 @@ class Figures:
         return bool(np.isfinite(self.held_out))
 
 
+def three_sets(names: Names) -> list[Names]:
+    """The sets behind the shares of each effect of a set: the base, each alone, all but each, all."""
+    return [Names(), *(frozenset({n}) for n in sorted(names)), *(names - {n} for n in sorted(names)), names]
+
+
 def compared_sets(search: Search) -> tuple[Names, ...]:
     """The sets that are refitted without the held-out tests: the best, it without each effect, each alone, the base,
     and for each effect the best few that lack it."""
-    whole = frozenset(search.chosen)
     ranked = sorted(search.scores, key=lambda k: -search.scores[k])
     without = [k for n in search.chosen for k in [k for k in ranked if n not in k][:OTHER_SETS]]
-    own = [whole, *(whole - {n} for n in search.chosen), *(frozenset({n}) for n in search.chosen), frozenset()]
-    return tuple(k for k in dict.fromkeys([*own, *without]) if k in search.fits)
+    return tuple(k for k in dict.fromkeys([*three_sets(frozenset(search.chosen)), *without]) if k in search.fits)
 
 
 def figures_of(
@@ -80,7 +83,7 @@ def figures_of(
     whole, none = frozenset(search.chosen), Names()
     if not whole:
         return ()
-    data, best = search.data, search.fit(whole)
+    data, best, top = search.data, search.fit(whole), search.scores[whole]
     level = float(np.sqrt(np.mean(data.level_N**2)))
     before, left = sizes[none].all.rms_N, sizes[whole].all.rms_N
     changes = sizes[none].along.rms_N >= LEAST_OF_FRICTION * level
@@ -98,8 +101,11 @@ def figures_of(
         out.append(
             Figures(
                 name=name,
-                gain=search.scores[whole] - search.scores.get(less, -np.inf),
-                alternatives={name: 0.0, **_alternatives(search, less)},
+                gain=top - search.scores.get(less, -np.inf),
+                alternatives={name: 0.0}
+                | {
+                    next(iter(k - less)): v - top for k, v in search.scores.items() if less < k and len(k) == len(whole)
+                },
                 fitted=float(fitted),
                 alone=1.0 - sizes[frozenset({name})].all.rms_N / before,
                 held_out=_mean([_chosen_share(search, u, effect) for u in held_out]) if predicts else float("nan"),
@@ -112,16 +118,6 @@ def figures_of(
             )
         )
     return tuple(out)
-
-
-def _alternatives(search: Search, less: Names) -> dict[str, float]:
-    """Score of the best set less one effect with each other effect in its place, less that of the best set."""
-    best = search.scores[frozenset(search.chosen)]
-    return {
-        next(iter(k - less)): search.scores[k] - best
-        for k in search.scores
-        if less < k and len(k) == len(less) + 1 and not k <= frozenset(search.chosen)
-    }
 
 
 def ranked_by_training(search: Search, held_out: HeldOut) -> tuple[tuple[Names, ...], Array]:
@@ -144,6 +140,7 @@ def _chosen_share(search: Search, held_out: HeldOut, effect: Effect) -> float:
     """Mean over the held-out tests of the share that an effect removes there, of sets that the other tests chose: the
     best with it, or with what resembles it, over the best without. Fewer tests may take one for the other."""
     sets, scores = ranked_by_training(search, held_out)
+    along = effect.evolving and bool(np.any(held_out.along_N2[Names()] > 0.0))
     has = np.array([any(look_alike(search.effects, effect.name, n) for n in k) for k in sets])
     out = []
     for t in range(scores.shape[1]):
@@ -152,13 +149,8 @@ def _chosen_share(search: Search, held_out: HeldOut, effect: Effect) -> float:
             out.append(0.0)
             continue
         other = int(np.argmax(np.where(has, -np.inf, scores[:, t])))
-        out.append(float(held_out.by_test(sets[other], sets[top], along=_along(held_out, effect))[t]))
+        out.append(float(held_out.by_test(sets[other], sets[top], along)[t]))
     return float(np.mean(out))
-
-
-def _along(held_out: HeldOut, effect: Effect) -> bool:
-    """Is an effect asked by what changes along the record?"""
-    return effect.evolving and bool(np.any(held_out.along_N2[Names()] > 0.0))
 
 
 def _mean(values: Sequence[float]) -> float:
