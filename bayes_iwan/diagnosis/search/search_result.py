@@ -55,6 +55,11 @@ def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) 
     return one == other or other in effects[one][0].look_alikes or one in effects[other][0].look_alikes
 
 
+def any_alike(effects: Mapping[str, tuple[Effect, ...]], name: str, names: Iterable[str]) -> bool:
+    """Is an effect, or what resembles it, in a set?"""
+    return any(look_alike(effects, name, n) for n in names)
+
+
 def alike_pairs(effects: Mapping[str, tuple[Effect, ...]], names: Iterable[str]) -> int:
     """How many pairs of a set look alike."""
     return sum(look_alike(effects, a, b) for a, b in combinations(sorted(names), 2))
