@@ -67,11 +67,12 @@ def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
 
 
 def one_of(given: Sequence[Figures], named: Sequence[str], sets: SetProbabilities, c: Calibration) -> tuple[OneOf, ...]:
-    """Places that some cause probably fills, though none is likely enough to be named."""
+    """Places that some cause probably fills, one of the catalogue's effects or of the base's form, though none is
+    likely enough to be named."""
     out = []
     for f in given:
         some = candidates_of(f, c)
-        if {f.name, *some} & {*named, *NO_CAUSE} or f.fitted < least_share(f.name, f.before):
+        if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
             continue
         p = any_of(sets, some)
         if len(some) > 1 and p >= NAMED and not (f.has_held_out and f.held_out <= 0.0):
