@@ -26,7 +26,7 @@ LEAST_REACH = 0.05
 #: frequencies and amplitudes closer together than this ratio tell no power
 LEAST_RATIO = 1.3
 LENGTH = 0.05
-#: laws that are told
+#: laws that are reported
 LAWS_MOST = 4
 
 
