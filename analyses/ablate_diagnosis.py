@@ -27,7 +27,9 @@ import numpy as np
 import calibrate_diagnosis as calibrate
 from bayes_iwan.diagnosis.assessment import budget, calibration, verdict
 from bayes_iwan.diagnosis.assessment.indicators import Figures
-from study_cases import HALVES, Answer, Case, counts, log_loss, read_cases
+from bayes_iwan.diagnosis.fits.held_out_tests import share_by_test
+from bayes_iwan.withheld.true_gaps import by_set
+from study_cases import HALVES, Answer, Case, counts, held_out_share, log_loss, read_cases
 
 #: what is added up of a case: right names, false names, unexplained parts flagged, alarms
 SUMS = {
@@ -35,6 +37,7 @@ SUMS = {
     "false": ("false names, all cases",),
     "flagged": ("foreign flagged",),
     "alarms": ("alarms, sound",),
+    "in a set": ("singles named or in a set", "the same, or in a set"),
 }
 RESAMPLED = 2000
 
@@ -55,6 +58,26 @@ def refused_but(reason: str) -> list[Patch]:
 def each_with(change: Callable[[Figures], Figures]) -> Callable[[Case], Case]:
     """A case whose effects have other figures."""
     return lambda case: replace(case, figures=tuple(change(f) for f in case.figures))
+
+
+def held_out_by(share: Callable[[Case, Figures], float]) -> Callable[[Case], Case]:
+    """A case whose shares on held-out tests are found otherwise."""
+    return lambda case: replace(
+        case, figures=tuple(replace(f, held_out=share(case, f)) if f.has_held_out else f for f in case.figures)
+    )
+
+
+def of_best_set(case: Case, f: Figures) -> float:
+    """What an effect removes from what the best set of all tests leaves without it."""
+    names = frozenset(case.stored["chosen"])
+    parts = [by_set(u["power_N2"]) for u in case.stored["held_out"]]
+    return float(np.mean([share_by_test(np.array(p[names - {f.name}]), np.array(p[names])).mean() for p in parts]))
+
+
+def fitted_alone(case: Case) -> Case:
+    """A case where an effect is asked for its share of the whole gap, also where it acts along the record."""
+    gap_N, names = by_set(case.stored["gap_N"]), frozenset(case.stored["chosen"])
+    return each_with(lambda f: replace(f, fitted=(gap_N[names - {f.name}] - gap_N[names]) / gap_N[frozenset()]))(case)
 
 
 def not_odd(reason: str) -> Callable[[Figures], Figures]:
@@ -80,12 +103,23 @@ def switched_off() -> dict[str, tuple[list[Patch], Callable[[Case], Case] | None
     }.items():
         out[f"rule: {title}"] = ([], each_with(not_odd(reason)))
     out["rule: patterns without a cause make it unknown"] = ([(verdict, "NO_CAUSE", frozenset())], None)
+    out["rule: what a record shows by itself"] = ([(verdict, "SHOWN_BY_RECORD", frozenset())], None)
+    out["rule: share of what changes along the record"] = ([], fitted_alone)
+    out["held out: sets that the other tests chose"] = ([], held_out_by(of_best_set))
+    out["held out: other sets"] = (
+        [],
+        held_out_by(lambda case, f: held_out_share(case.stored, f, lambda k: False)),
+    )
+    for nats in (10.0, 20.0, 50.0):
+        tied = replace(calibration.calibration(), apart=nats)
+        out[f"apart {nats:g}"] = ([(calibrate, "calibration", lambda tied=tied: tied)], None)
     for where, name, values in (
         (calibration, "COARSENED", (1e9, 2.0, 1.0, 0.5, 0.2)),
         (verdict, "NAMED", (0.4, 0.5, 0.8)),
-        (verdict, "REFUSED", (0.1, 0.5)),
+        (verdict, "REFUSED", (0.0, 0.1, 0.5, 1.0)),
         (calibration, "SUREST", (0.999,)),
-        (budget, "LEAST_SHARE", (0.0,)),
+        (budget, "LEAST_SHARE", (0.0, 0.05)),
+        (budget, "LEAST_OF_FRICTION", (1e-12,)),
         (budget, "LEAST_MODEL_FORM", (0.02,)),
     ):
         for value in values:
@@ -138,7 +172,8 @@ def write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     for r in rows:
         print(f"{r['without']:45s} right {r['right']:4.0f} {r['right change']:24s} false {r['false']:3.0f} "
               f"{r['false change']:24s} flagged {r['flagged']:3.0f} alarms {r['alarms']:2.0f} "
-              f"log loss {r['log loss change']:26s} {r['seconds a case']} s")  # fmt: skip
+              f"in a set {r['in a set change']:22s} log loss {r['log loss change']:26s} "
+              f"{r['seconds a case']} s")  # fmt: skip
 
 
 def seconds_of(cases: Sequence[Case]) -> float:

@@ -59,6 +59,10 @@ RULES: dict[str, list[Patch]] = {
     "newtons of a candidate": [(candidates, "sound_gap_N", lambda data: np.inf)],
     "a step of the effect's own parameters": [(candidates, "stepped_on", lambda rows, point, *_: (point, np.inf))],
     "starts from other sets, and from the prior": [(FittedSets, "_start", one_start)],
+    "newtons of a candidate, starts from other sets": [
+        (candidates, "sound_gap_N", lambda data: np.inf),
+        (FittedSets, "_start", one_start),
+    ],
     "base fitted again": [(model_search, "fit_base_again", lambda found: False)],
     "exchanging": [(model_search, "ROUNDS", 0)],
     "a second round of exchanging": [(model_search, "ROUNDS", 1)],

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +19,16 @@ from bayes_iwan.diagnosis.assessment.calibration import (
     SetProbabilities,
     set_probabilities,
 )
-from bayes_iwan.diagnosis.assessment.indicators import Figures
+from bayes_iwan.diagnosis.assessment.indicators import Figures, chosen_share, three_sets
 from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, USUAL_GAP
-from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM, any_alike
+from bayes_iwan.effects import catalogue
 from bayes_iwan.virtual_rig.faults import OUTSIDE
 from bayes_iwan.withheld.true_gaps import by_set
 
 FIGURES = tuple(f.name for f in fields(Figures))
+#: laws by effect, for which of them look alike
+EFFECTS: Mapping[str, Any] = catalogue.variants(form=True) | {e.name: (e,) for e in catalogue.UNLISTED}
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,7 @@ def case_of(stored: Mapping[str, Any]) -> Case:
         {k: float("nan") if v is None else v for k, v in f.items() if k in FIGURES}
         for f in ({former_names.FIGURES.get(k, k): v for k, v in f.items()} for f in stored["figures"])
     ]
+    figures = [Figures(**f) for f in some]
     return Case(
         path=stored["path"],
         kind=stored["kind"],
@@ -91,10 +96,25 @@ def case_of(stored: Mapping[str, Any]) -> Case:
         tests=stored["tests"],
         effects=tuple(truth["effects"]),
         noise=float(truth.get("noise", {}).get("share_of_friction", 0.0)),
-        figures=tuple(Figures(**f) for f in some),
+        figures=tuple(replace(f, held_out=held_out_share(stored, f)) if f.has_held_out else f for f in figures),
         gap_resolved=by_set(stored["gap_resolved"]),
         stored=stored,
     )
+
+
+def held_out_share(stored: Mapping[str, Any], f: Figures, kept: Callable[[frozenset[str]], bool] = bool) -> float:
+    """What an effect removes on held-out tests by the package's present rule; kept : compared sets besides the base and
+    those of the three gaps that count (others do not)."""
+    names = frozenset(stored["chosen"])
+    always = three_sets(names)
+    shares = []
+    for u in stored["held_out"]:
+        power_N2, scores = (
+            {k: np.array(v) for k, v in by_set(u[what]).items() if k in always or kept(k)}
+            for what in ("power_N2", "trained")
+        )
+        shares.append(chosen_share(power_N2, scores, partial(any_alike, EFFECTS, f.name)))
+    return float(np.nanmean(shares))
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@
     python analyses/study_fits.py ../shared/data/mr_damper_off ... --out /work/cache/fits
 
 A case is a pickle of `study_draws.py`, or the folder of a campaign (whose truth nobody knows). --without RULE searches
-without a rule of `search_rules.py`, for `ablate_diagnosis.py`.
+without a rule of `search_rules.py`, for `ablate_diagnosis.py`; --shuffle SEED takes the cases in random order, so that
+those done are a fair sample wherever it stops.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import pickle
+import random
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -78,16 +80,14 @@ def fitted(rule: str, path: str) -> dict[str, Any]:
         "gap_share": {named(k): s.all.share for k, s in found.models.sizes.items()},
         "gap_resolved": {named(k): s.all.resolved_share for k, s in found.models.sizes.items()},
         "along_N": {named(k): s.along.rms_N for k, s in found.models.sizes.items()},
-        "noise_N": found.sizes[frozenset()].all.noise_N,
+        "noise_N": found.models.sizes[frozenset()].all.noise_N,
         "held_out": [
             {
                 "by": u.by,
                 "power_N2": {named(k): v.tolist() for k, v in u.power_N2.items()},
-                "along_N2": {named(k): v.tolist() for k, v in u.along_N2.items()},
-                "trained": dict(zip(map(named, ranked[0]), ranked[1].tolist())),
+                "trained": {named(k): v.tolist() for k, v in ranked_by_training(search, u).items()},
             }
             for u in found.held_out
-            for ranked in [ranked_by_training(search, u)]
         ],
         "base_z": dict(zip(base.problem.names, base.z.tolist())),
         "whole_z": dict(zip(search.fit(whole).problem.names, search.fit(whole).z.tolist())),
@@ -104,7 +104,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--without", choices=list(RULES), default="nothing", metavar="RULE")
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--shuffle", type=int, metavar="SEED")
     args = parser.parse_args()
+    if args.shuffle is not None:
+        args.cases.sort()
+        random.Random(args.shuffle).shuffle(args.cases)
     args.out.mkdir(parents=True, exist_ok=True)
     pieces = {str(args.out / f"{p.stem}.json"): str(p) for p in args.cases}
     left = {k: v for k, v in pieces.items() if not Path(k).is_file()}

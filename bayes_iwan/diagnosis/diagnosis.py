@@ -194,18 +194,18 @@ def _reported(
     report: Report,
 ) -> Diagnosis:
     """Everything that is said beside the verdict."""
-    base, named, data = found.fits[frozenset()], frozenset(verdict.names), found.search.data
-    fit, after = found.fits[named], found.sizes[named]
+    base, named, data = found.models.fits[frozenset()], frozenset(verdict.names), found.search.data
+    fit, after = found.models.fits[named], found.models.sizes[named]
     sampling = None
     if named and not quick:  # of a model without effects no number is reported
         fit, sampling = sampled_fit(data, fit, seed, report)
-    left = residual_of(data, found.in_newtons[named])
+    left = residual_of(data, found.models.nearest[named])
     places = where_sentences(gap.where if not named else where(left, seed)) if verdict.unknown_cause else []
     outside = [f for f in found.figures if f.name in NO_CAUSE]
     resembles = max(outside, key=lambda f: f.gain).name if outside and verdict.unknown_cause else None
     unexplained = Unexplained(
         verdict.probabilities["unknown"],
-        unexplained_share(named, found.sizes) if named else Share(1.0, 1.0, 1.0),
+        unexplained_share(named, found.models.sizes) if named else Share(1.0, 1.0, 1.0),
         after.all.share,
         tuple(places),
         resembles,
@@ -216,7 +216,7 @@ def _reported(
     hidden = tuple(n for n, v in nats.items() if v < TESTABLE_NATS and n not in named and n not in NO_CAUSE)
     report("what the base can imitate")
     friction_N = float(np.sqrt(np.mean(gap.size.friction_N**2)))
-    imitated = imitations(found.search, found.fits, named, friction_N, gap.campaign.limits)
+    imitated = imitations(found.search, found.models.fits, named, friction_N, gap.campaign.limits)
     if verdict.kind is Kind.DRIVE:
         imitated = ()
     report("next test")
@@ -241,7 +241,7 @@ def _reported(
         hidden,
         {n: v for n, v in nats.items() if n not in NO_CAUSE},
         imitated,
-        edges_of(found.fits[named]),
+        edges_of(found.models.fits[named]),
         limits_of_loops([x.record for x in data.loops], data.loops),
         () if gap.campaign.clock else _needing_clock(settings, data, found.search.scales),
         following,
@@ -309,7 +309,7 @@ def _next(
         if others:
             fits = found.search.fit(found.asked), found.search.fit(found.asked - {f.name} | {other})
         else:
-            fits = found.fits[whole], found.fits[whole - {f.name}]
+            fits = found.models.fits[whole], found.models.fits[whole - {f.name}]
         effects = found.search.effects
         bench = [effects[n][0].bench for n in (f.name, other) if n in effects]
         return next_test(data, *fits, (f.name, other), bench, campaign.limits)

@@ -9,6 +9,9 @@ from scipy import optimize, stats
 
 from bayes_iwan.arrays import Array
 
+#: times that cases are drawn again behind an interval
+RESAMPLED = 2000
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -52,14 +55,12 @@ def share(hits: Sequence[bool]) -> Estimate:
     return Estimate(k / n, low, high, n, k)
 
 
-def bootstrap(
-    values: Sequence[float], rng: np.random.Generator, statistic: Callable[..., Array] = np.mean, draws: int = 2000
-) -> Estimate:
+def bootstrap(values: Sequence[float], rng: np.random.Generator, statistic: Callable[..., Array] = np.mean) -> Estimate:
     """A mean (or another statistic with an `axis`) with its percentile bootstrap interval over cases."""
     x = np.asarray(values, dtype=float)
     if x.size == 0:
         return Estimate(np.nan, np.nan, np.nan, 0)
-    again = statistic(x[rng.integers(0, x.size, (draws, x.size))], axis=1)
+    again = statistic(x[rng.integers(0, x.size, (RESAMPLED, x.size))], axis=1)
     low, high = np.quantile(again, [0.025, 0.975])
     return Estimate(float(statistic(x, axis=0)), float(low), float(high), int(x.size))
 

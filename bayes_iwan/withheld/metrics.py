@@ -15,6 +15,8 @@ from bayes_iwan.withheld.estimates import Estimate, binned, bootstrap, share
 
 #: shares of the gap are right within this
 SHARE_POINTS = 0.10
+#: bins of stated probability, of the calibration error and of the reliability diagram
+ERROR_BINS, BINS = 10, 5
 
 
 def summarise(cases: Sequence[CaseScore], seed: int = 0) -> dict[str, Estimate]:
@@ -93,22 +95,22 @@ def _error(marginals: Sequence[Marginal], rng: np.random.Generator) -> Estimate:
     return bootstrap([m.stated + 2.0 * m.true for m in marginals], rng, calibration_error)
 
 
-def calibration_error(answers: np.ndarray, axis: int, bins: int = 10) -> np.ndarray:
+def calibration_error(answers: np.ndarray, axis: int) -> np.ndarray:
     """Mean distance of stated probability and frequency over bins, weighed by their answers, along the last axis.
 
     answers : stated + 2 where true: one number each, for the bootstrap.
     """
     true = answers >= 2.0
     miss = answers - 3.0 * true  # stated less 1 where true
-    which = np.minimum(np.round((answers - 2.0 * true) * bins, 9).astype(int), bins - 1)
-    by_bin = [np.abs(np.sum(np.where(which == k, miss, 0.0), axis=axis)) for k in range(bins)]
+    which = np.minimum(np.round((answers - 2.0 * true) * ERROR_BINS, 9).astype(int), ERROR_BINS - 1)
+    by_bin = [np.abs(np.sum(np.where(which == k, miss, 0.0), axis=axis)) for k in range(ERROR_BINS)]
     return np.asarray(np.sum(by_bin, axis=0) / answers.shape[axis])
 
 
-def reliability(cases: Sequence[CaseScore], bins: int = 5) -> list[tuple[float, Estimate]]:
+def reliability(cases: Sequence[CaseScore]) -> list[tuple[float, Estimate]]:
     """Probability stated of causes named against how often they were true, in bins of equal width."""
     said = [m for c in cases if c.answered for m in c.stated]
-    return binned([m.stated for m in said], [m.true for m in said], np.linspace(0, 1, bins + 1).tolist())
+    return binned([m.stated for m in said], [m.true for m in said], np.linspace(0, 1, BINS + 1).tolist())
 
 
 def confusion(cases: Sequence[CaseScore]) -> tuple[tuple[str, ...], tuple[str, ...], np.ndarray]:

@@ -130,7 +130,7 @@ def test_a_gap_without_a_name_has_suspects(viscous):
 def test_beside_a_cause_that_explains_little_the_rest_has_suspects_but_not_the_named(viscous):
     """As if the dashpot, which is named, removed only a third of the gap."""
     found, named = viscous.found, frozenset({"viscous_damping"})
-    sizes = dict(found.sizes)
+    sizes = dict(found.models.sizes)
     base = sizes[frozenset()]
     less = replace(base.all, rms_N=0.67 * base.all.rms_N)
     tests = tuple(replace(t, rms_N=0.67 * t.rms_N) for t in base.tests)
@@ -277,7 +277,7 @@ def test_stored_fits_predict_as_the_live_ones_do(viscous, folder, further):
     named = frozenset(viscous.verdict.names)
     gap = [
         float(np.sqrt(max(gap_power_N2(residual_of(data, f, refitted=False)).mean(), 0.0)))
-        for f in (viscous.found.in_newtons[frozenset()], viscous.found.in_newtons[named])
+        for f in (viscous.found.models.nearest[frozenset()], viscous.found.models.nearest[named])
     ]
     whole, parts = find_shares(folder, further)
     assert whole == pytest.approx(1.0 - gap[1] / gap[0], abs=1e-9) and whole > 0.6

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign.timing.groups import groups_of
-from bayes_iwan.diagnosis.assessment.indicators import _chosen_share, ranked_by_training
+from bayes_iwan.diagnosis.assessment.indicators import chosen_share, ranked_by_training
 from bayes_iwan.diagnosis.constants import EFFECT_NATS
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, _refit_gaps, for_loops, refitted
+from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, _refit_gaps, for_loops, refitted, share_by_test
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
 from bayes_iwan.effects.along_record import MainsInterference
 
@@ -61,14 +61,9 @@ def test_hums_numbers_go_with_their_tests(kit):
     assert hums == [f"mains_interference.{p}[{f}]" for p in ("cosine", "sine") for f in files[1:3]]
 
 
-POWER = {frozenset(): np.array([100.0, 1.0, 1.0]), frozenset("a"): np.array([100.0, 0.25, 4.0])}
-
-
 def test_shares_test_by_test_count_each_test_alike():
-    along = {frozenset(): np.array([0.0, 1.0, 4.0]), frozenset("a"): np.array([0.0, 0.0, 1.0])}
-    held_out = HeldOut("one frequency held out", ("x", "y", "z"), POWER, along)
-    np.testing.assert_allclose(held_out.by_test((), "a"), [0.0, 0.5, -0.5])
-    np.testing.assert_allclose(held_out.by_test((), "a", along=True), [0.0, 1.0, 0.5])
+    before, after = np.array([100.0, 1.0, 1.0, -0.1]), np.array([100.0, 0.25, 4.0, -0.2])
+    np.testing.assert_allclose(share_by_test(before, after), [0.0, 0.5, -0.5, 0.0])
 
 
 def test_a_name_is_assessed_by_the_set_that_the_other_tests_would_have_chosen(kit):
@@ -83,9 +78,8 @@ def test_a_name_is_assessed_by_the_set_that_the_other_tests_would_have_chosen(ki
         a: np.array([[90.0, 0.0], [1.0, 1.0], [2.0, 2.0]]),
     }
     power = {none: np.array([1.0, 1.0]), a: np.array([0.25, 0.25])}
-    held_out = HeldOut("one frequency held out", ("x", "y"), power, power, trained)
-    sets, scores = ranked_by_training(search, held_out)
+    held_out = HeldOut("one frequency held out", ("x", "y"), power, trained)
+    scores = ranked_by_training(search, held_out)
     expected = 90.0 + newton_nats(1.0, sound_N, 2) - EFFECT_NATS
-    assert scores[sets.index(a), 0] == pytest.approx(expected)
-    effect = SimpleNamespace(name="a", evolving=False)
-    assert _chosen_share(search, held_out, effect) == pytest.approx(0.25)  # a half of one, nothing of the other
+    assert scores[a][0] == pytest.approx(expected)
+    assert chosen_share(power, scores, lambda k: "a" in k) == pytest.approx(0.25)  # a half of one, nothing of the other

@@ -170,7 +170,7 @@ def write_answer(d: Diagnosis, out: Path) -> dict[str, Any]:
     """Write `diagnosis.json` and `fits.json`; returns what the first holds. What was fitted with effects or a simulator
     that were no file's cannot be read back from `fits.json`."""
     answer = finite(to_dict(d))
-    named = {k: f for k, f in d.found.in_newtons.items() if k <= set(d.verdict.names)}
+    named = {k: f for k, f in d.found.models.nearest.items() if k <= set(d.verdict.names)}
     kinds = [type(e) for some in d.search.effects.values() for e in some]
     effects = next((str(f) for f in map(file_of, kinds) if f is not None), None)
     model = file_of(type(d.search.base.problem.model))

@@ -26,6 +26,8 @@ LEAST_REACH = 0.05
 #: frequencies and amplitudes closer together than this ratio tell no power
 LEAST_RATIO = 1.3
 LENGTH = 0.05
+#: laws that are reported
+LAWS_MOST = 4
 
 
 @dataclass(frozen=True)
@@ -92,11 +94,11 @@ class LawSearch:
         self.middle, self.scale = root.mean(axis=0), np.maximum(root.std(axis=0), 1e-300)
         self.null_scores = (root - self.middle) / self.scale
 
-    def laws(self, p_value: Callable[[float], float], level: float, most: int = 4) -> tuple[GrowthLaw, ...]:
+    def laws(self, p_value: Callable[[float], float], level: float) -> tuple[GrowthLaw, ...]:
         """The significant laws in order. p_value : of a score, the number of statistics allowed for."""
         out: list[GrowthLaw] = []
         left, signatures, remaining = self.left, list(self.signatures), list(range(len(self.names)))
-        while remaining and len(out) < most:
+        while remaining and len(out) < LAWS_MOST:
             found = []
             for i in remaining:
                 s = signatures[i]

@@ -28,6 +28,8 @@ from bayes_iwan.models.simulator import inner_effects
 
 FAMILY_WISE = 0.05
 SIMULATIONS = 1000
+#: draws behind what a right model would leave of each block of cycles
+BLOCK_DRAWS = 100
 #: harmonics looked at one by one
 ORDERS = 7
 #: share of the stroke that counts as an end
@@ -177,10 +179,10 @@ def of_blocks(residual: Residual, value: np.ndarray, test: int) -> Array:
     return steady[..., None, :] + (change @ turning).real
 
 
-def right_model_of_blocks(residual: Residual, test: int, seed: int = 0, draws: int = 100) -> Array:
+def right_model_of_blocks(residual: Residual, test: int, seed: int = 0) -> Array:
     """(blocks, samples) standard deviation of what a right model would leave of each block of a test's cycles, N."""
     rng = np.random.default_rng([seed, 73])
-    null = simulated(residual, draws, rng, calibration().usual[0])
+    null = simulated(residual, BLOCK_DRAWS, rng, calibration().usual[0])
     return np.asarray(of_blocks(residual, null, test).std(axis=0))
 
 

@@ -1,13 +1,13 @@
 """A finished search weighed: the figures of its effects, and fits and gaps of the sets that are spoken of."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayes_iwan.arrays import brief
 from bayes_iwan.diagnosis.assessment.calibration import SetProbabilities, set_probabilities
-from bayes_iwan.diagnosis.assessment.indicators import Figures, compared_sets, figures_of
+from bayes_iwan.diagnosis.assessment.indicators import Figures, compared_sets, figures_of, three_sets
 from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_size
 from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, held_out_gaps
@@ -83,28 +83,6 @@ class Weighed:
     def asked(self) -> Names:
         """The best set."""
         return frozenset(self.search.chosen)
-
-    @property
-    def fits(self) -> Mapping[Names, Fit]:
-        return self.models.fits
-
-    @property
-    def in_newtons(self) -> Mapping[Names, Fit]:
-        return self.models.nearest
-
-    @property
-    def sizes(self) -> Mapping[Names, GapSize]:
-        return self.models.sizes
-
-    @property
-    def gap_N(self) -> dict[Names, float]:
-        """RMS gap by set of effects."""
-        return {k: s.all.rms_N for k, s in self.models.sizes.items()}
-
-
-def three_sets(names: Names) -> list[Names]:
-    """The sets behind the shares of each effect of a set: the base, each alone, all but each, all."""
-    return [Names(), *(frozenset({n}) for n in sorted(names)), *(names - {n} for n in sorted(names)), names]
 
 
 def weighed(search: Search, seed: int) -> Weighed:

@@ -11,7 +11,6 @@ from enum import StrEnum
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.diagnosis.assessment.indicators import Figures
@@ -247,21 +246,17 @@ def gaps_of(names: Iterable[str], power_N2: Mapping[frozenset[str], Array]) -> d
     """The three gaps of each effect of a set, from squared gaps by test (tests,) of the base, the set, the set without
     it and it alone."""
     whole = frozenset(names)
-
-    def of(keep: NDArray[np.int64]) -> dict[str, tuple[float, float, float]]:
-        rms = {k: float(np.sqrt(max(float(p[keep].mean()), 0.0))) for k, p in power_N2.items()}
-        before = max(rms[frozenset()], 1e-300)
-        return {n: (rms[whole] / before, rms[whole - {n}] / before, rms[frozenset({n})] / before) for n in whole}
-
     tests = len(power_N2[whole])
-    every = np.arange(tests, dtype=np.int64)
-    value = of(every)
-    less = [of(np.delete(every, t)) for t in every] if tests > 1 else []
+    less = range(tests) if tests > 1 else ()
+    mean_N2 = {k: [p.mean(), *(np.delete(p, t).mean() for t in less)] for k, p in power_N2.items()}
+    rms = {k: np.sqrt(np.maximum(p, 0.0)) for k, p in mean_N2.items()}
+    before = np.maximum(rms[frozenset()], 1e-300)
     out = {}
-    for n, (with_all, without, alone) in value.items():
-        shares = np.array([0.5 * (1.0 - x[n][2] + x[n][1] - x[n][0]) for x in less])
+    for n in whole:
+        with_all, without, alone = (rms[k] / before for k in (whole, whole - {n}, frozenset({n})))
+        shares = 0.5 * (1.0 - alone + without - with_all)[1:]
         sd = float(np.sqrt((tests - 1) / tests * np.sum((shares - shares.mean()) ** 2))) if less else 0.0
-        out[n] = Gaps(with_all, without, alone, sd)
+        out[n] = Gaps(float(with_all[0]), float(without[0]), float(alone[0]), sd)
     return out
 
 

@@ -5,8 +5,9 @@ its evidence is, other effects included; the same once more for every group of h
 by the other tests alone, says what it does where nothing was fitted, the choice of the set not either.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -15,9 +16,9 @@ from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LEAST_OF
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, moved_shares
-from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut
+from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, share_by_test
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
-from bayes_iwan.diagnosis.search.search_result import Search, alike_pairs, look_alike, score
+from bayes_iwan.diagnosis.search.search_result import Search, alike_pairs, any_alike, score
 from bayes_iwan.effects.base import Effect
 
 Names = frozenset[str]
@@ -59,14 +60,17 @@ class Figures:
         return bool(np.isfinite(self.held_out))
 
 
+def three_sets(names: Names) -> list[Names]:
+    """The sets behind the shares of each effect of a set: the base, each alone, all but each, all."""
+    return [Names(), *(frozenset({n}) for n in sorted(names)), *(names - {n} for n in sorted(names)), names]
+
+
 def compared_sets(search: Search) -> tuple[Names, ...]:
     """The sets that are refitted without the held-out tests: the best, it without each effect, each alone, the base,
     and for each effect the best few that lack it."""
-    whole = frozenset(search.chosen)
     ranked = sorted(search.scores, key=lambda k: -search.scores[k])
     without = [k for n in search.chosen for k in [k for k in ranked if n not in k][:OTHER_SETS]]
-    own = [whole, *(whole - {n} for n in search.chosen), *(frozenset({n}) for n in search.chosen), frozenset()]
-    return tuple(k for k in dict.fromkeys([*own, *without]) if k in search.fits)
+    return tuple(k for k in dict.fromkeys([*three_sets(frozenset(search.chosen)), *without]) if k in search.fits)
 
 
 def figures_of(
@@ -80,11 +84,11 @@ def figures_of(
     whole, none = frozenset(search.chosen), Names()
     if not whole:
         return ()
-    data, best = search.data, search.fit(whole)
+    data, best, top = search.data, search.fit(whole), search.scores[whole]
     level = float(np.sqrt(np.mean(data.level_N**2)))
     before, left = sizes[none].all.rms_N, sizes[whole].all.rms_N
     changes = sizes[none].along.rms_N >= LEAST_OF_FRICTION * level
-    moved = moved_shares(best, data)
+    moved, ranked = moved_shares(best, data), [ranked_by_training(search, u) for u in held_out]
     out = []
     for effect in best.effects:
         name = effect.name
@@ -95,14 +99,20 @@ def figures_of(
             share_along = float((along[less] - along[whole]) / along[none])
             fitted = max(fitted, share_along)
         predicts = bool(held_out) and effect.strength_name in best.problem.names
+        has = partial(any_alike, search.effects, name)
         out.append(
             Figures(
                 name=name,
-                gain=search.scores[whole] - search.scores.get(less, -np.inf),
-                alternatives={name: 0.0, **_alternatives(search, less)},
+                gain=top - search.scores.get(less, -np.inf),
+                alternatives={name: 0.0}
+                | {
+                    next(iter(k - less)): v - top for k, v in search.scores.items() if less < k and len(k) == len(whole)
+                },
                 fitted=float(fitted),
                 alone=1.0 - sizes[frozenset({name})].all.rms_N / before,
-                held_out=_mean([_chosen_share(search, u, effect) for u in held_out]) if predicts else float("nan"),
+                held_out=_mean([chosen_share(u.power_N2, x, has) for u, x in zip(held_out, ranked)])
+                if predicts
+                else float("nan"),
                 moved=moved[name],
                 gap=sizes[less].all.rms_N / level,
                 before=before / level,
@@ -114,51 +124,34 @@ def figures_of(
     return tuple(out)
 
 
-def _alternatives(search: Search, less: Names) -> dict[str, float]:
-    """Score of the best set less one effect with each other effect in its place, less that of the best set."""
-    best = search.scores[frozenset(search.chosen)]
+def ranked_by_training(search: Search, held_out: HeldOut) -> dict[Names, Array]:
+    """By set, (n,) the score that it has by the tests that each held-out one is predicted from."""
+    sound_N = sound_gap_N(search.data)
     return {
-        next(iter(k - less)): search.scores[k] - best
-        for k in search.scores
-        if less < k and len(k) == len(less) + 1 and not k <= frozenset(search.chosen)
+        k: np.array(
+            [
+                score(nats, newton_nats(float(np.sqrt(gap_N2)), sound_N, int(tests)), k, alike_pairs(search.effects, k))
+                for nats, gap_N2, tests in trained.T
+            ]
+        )
+        for k, trained in held_out.trained.items()
     }
 
 
-def ranked_by_training(search: Search, held_out: HeldOut) -> tuple[tuple[Names, ...], Array]:
-    """The sets, and the score that each has by the tests that others are predicted from, (sets, n)."""
-    sound_N = sound_gap_N(search.data)
-    sets = tuple(held_out.trained)
-    scores = np.array(
-        [
-            [
-                score(nats, newton_nats(float(np.sqrt(gap_N2)), sound_N, int(tests)), k, alike_pairs(search.effects, k))
-                for nats, gap_N2, tests in held_out.trained[k].T
-            ]
-            for k in sets
-        ]
-    )
-    return sets, scores
+def chosen_share(power_N2: Mapping[Names, Array], scores: Mapping[Names, Array], has: Callable[[Names], bool]) -> float:
+    """Mean over held-out tests of the share that an effect removes there, of sets that the other tests chose: the best
+    with it over the best without; nothing where these tests would have chosen none with it.
 
-
-def _chosen_share(search: Search, held_out: HeldOut, effect: Effect) -> float:
-    """Mean over the held-out tests of the share that an effect removes there, of sets that the other tests chose: the
-    best with it, or with what resembles it, over the best without. Fewer tests may take one for the other."""
-    sets, scores = ranked_by_training(search, held_out)
-    has = np.array([any(look_alike(search.effects, effect.name, n) for n in k) for k in sets])
+    power_N2 : by set, (n,) squared gaps; scores : by set, (n,) by the tests that each was predicted from; has : is the
+    effect, or what resembles it, in a set? Fewer tests may take one for the other.
+    """
+    without = [k for k in scores if not has(k)]
     out = []
-    for t in range(scores.shape[1]):
-        top = int(np.argmax(scores[:, t]))
-        if not has[top]:
-            out.append(0.0)
-            continue
-        other = int(np.argmax(np.where(has, -np.inf, scores[:, t])))
-        out.append(float(held_out.by_test(sets[other], sets[top], along=_along(held_out, effect))[t]))
+    for t in range(len(scores[Names()])):
+        top = max(scores, key=lambda k: scores[k][t])
+        other = max(without, key=lambda k: scores[k][t])
+        out.append(share_by_test(power_N2[other], power_N2[top])[t] if has(top) else 0.0)
     return float(np.mean(out))
-
-
-def _along(held_out: HeldOut, effect: Effect) -> bool:
-    """Is an effect asked by what changes along the record?"""
-    return effect.evolving and bool(np.any(held_out.along_N2[Names()] > 0.0))
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from bayes_iwan.campaign import Loop
-from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, three_sets
+from bayes_iwan.diagnosis.assessment.assessed_search import Weighed
 from bayes_iwan.diagnosis.assessment.budget import (
     NO_CAUSE,
     Cause,
@@ -21,12 +21,8 @@ from bayes_iwan.diagnosis.assessment.budget import (
     subsets,
     vagueness,
 )
-from bayes_iwan.diagnosis.assessment.calibration import (
-    Calibration,
-    SetProbabilities,
-    any_of,
-)
-from bayes_iwan.diagnosis.assessment.indicators import Figures
+from bayes_iwan.diagnosis.assessment.calibration import Calibration, SetProbabilities, any_of
+from bayes_iwan.diagnosis.assessment.indicators import Figures, three_sets
 from bayes_iwan.diagnosis.constants import (
     LEAST_ALONG,
     LEAST_GAP,
@@ -108,7 +104,7 @@ def unknown_cause(found: Weighed, named: Sequence[str], c: Calibration) -> float
     a specimen's usual difference from the model and not left."""
     beside = frozenset(named) | (found.asked & MODEL_FORM)
     found.models.find([beside])
-    left = found.sizes[beside].all.resolved_share
+    left = found.models.sizes[beside].all.resolved_share
     return unknown_cause_probability(c.unknown_cause(left), found.figures, found.sets)
 
 
@@ -134,13 +130,13 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
     loops = found.search.data.loops
     cornered, theirs = tuple(x.file for x in loops if x.corners_gap), max(x.corners_gap for x in loops)
-    if kind is not Kind.NONE and found.sizes[frozenset()].all.share <= theirs:
+    if kind is not Kind.NONE and found.models.sizes[frozenset()].all.share <= theirs:
         none = probabilities["none"]
         sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
         return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
     some = one_of(found.figures, named, found.sets, c) if flagged else ()
-    left = found.gap_N[frozenset(named)] / max(found.gap_N[frozenset()], 1e-300)
-    alone = suspects(found, named, c) if flagged and not some and left > SUSPECT else ()
+    left, before = (found.models.sizes[k].all.rms_N for k in (frozenset(named), frozenset[str]()))
+    alone = suspects(found, named, c) if flagged and not some and left > SUSPECT * before else ()
     return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)
 
 
@@ -153,7 +149,7 @@ def _idle(x: Cause) -> bool:
 def suspects(found: Weighed, named: Sequence[str], c: Calibration) -> tuple[Suspect, ...]:
     """What alone would remove most of the gap and is not named, as far as the search has fitted it: whoever must find
     the cause starts there, though evidence, which follows the quiet harmonics, does not speak for it."""
-    search, before = found.search, found.gap_N[frozenset()]
+    search, before = found.search, found.models.sizes[frozenset()].all.rms_N
     least = search.base.log_evidence - c.apart
     out = NO_CAUSE | frozenset(named)
     alone = [f for k, f in search.fits.items() if len(k) == 1 and not k & out and f.log_evidence > least]

@@ -46,6 +46,8 @@ OTHER_WEIGHTS = 0.25
 ROUNDS, GAINED = 4, 0.5
 #: optima of the evidence from which it is sought besides the best, and iterations of that
 NEWTON_STARTS, NEWTON_STEPS = 2, 15
+#: optima that are kept of a fit
+OPTIMA_MOST = 4
 #: sizes of the discrepancy over which the evidence is tabulated, and those among which the loops' is found first where
 #: a discrepancy changes along the record
 _FINE = tuple((float(a), float(n)) for a in SHARES for n in LENGTHS)
@@ -304,10 +306,11 @@ def _whole_share(orders: int, found: Stepped) -> tuple[float, float, float]:
     return float(middle), float(low), float(high)
 
 
-def _distinct(x: Array, cost: Array, most: int = 4) -> Array:
-    """Different optima, best first: those that lie apart in z and cost less than 50 more than the best."""
+def _distinct(x: Array, cost: Array) -> Array:
+    """Different optima, the best first, OPTIMA_MOST at most: they lie apart in z and cost less than 50 more than the
+    best."""
     kept = [x[0]]
     for one, value in zip(x[1:], cost[1:]):
-        if value < cost[0] + 50.0 and all(np.max(np.abs(one - k)) > 0.3 for k in kept) and len(kept) < most:
+        if value < cost[0] + 50.0 and all(np.max(np.abs(one - k)) > 0.3 for k in kept) and len(kept) < OPTIMA_MOST:
             kept.append(one)
     return np.array(kept)

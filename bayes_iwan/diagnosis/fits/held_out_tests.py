@@ -1,7 +1,7 @@
 """Models refitted without some of the tests, and what they then miss on those: whole frequencies or amplitudes held
 out, or tests that were held out from the start."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit, beside
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
-from bayes_iwan.diagnosis.fits.residuals import ALONG, residual_of
+from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.threads import alongside
 
@@ -28,7 +28,6 @@ class HeldOut:
 
     by : "one frequency held out", "one amplitude held out" or "held-out tests"; files (n,) of these tests
     power_N2 : by set of effects, (n,) squared gap of each test, noise taken off (may be negative)
-    along_N2 : the same of its part that changes along the record
     trained : by set of effects, (3, n) of the tests that each was predicted from: ln evidence of the set, its squared
         gap and how many tests they were; nothing for tests that were held out from the start
     """
@@ -36,16 +35,15 @@ class HeldOut:
     by: str
     files: tuple[str, ...]
     power_N2: dict[frozenset[str], Array]
-    along_N2: dict[frozenset[str], Array]
     trained: dict[frozenset[str], Array] = field(default_factory=dict)
 
-    def by_test(self, smaller: Iterable[str], larger: Iterable[str], along: bool = False) -> Array:
-        """(n,) 1 − gap with the larger set / gap with the smaller one, test by test, each in −1 … 1, so that one test
-        with a large gap of another cause does not decide. along : of the part that changes along the record alone."""
-        power_N2 = self.along_N2 if along else self.power_N2
-        before, after = (np.sqrt(np.maximum(power_N2[frozenset(k)], 0.0)) for k in (smaller, larger))
-        top = np.maximum(before, after)
-        return np.asarray(np.where(top > 0.0, (before - after) / np.maximum(top, 1e-300), 0.0))
+
+def share_by_test(before_N2: Array, after_N2: Array) -> Array:
+    """(n,) 1 − gap after / gap before, from squared gaps (n,), each in −1 … 1, so that one test with a large gap of
+    another cause does not decide."""
+    before, after = (np.sqrt(np.maximum(x, 0.0)) for x in (before_N2, after_N2))
+    top = np.maximum(before, after)
+    return np.asarray(np.where(top > 0.0, (before - after) / np.maximum(top, 1e-300), 0.0))
 
 
 def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem:
@@ -89,22 +87,21 @@ def parted(data: GapData) -> dict[str, list[list[int]]]:
 
 @dataclass(frozen=True)
 class _Predicted:
-    """What one fit misses on tests that it was not fitted to: gaps_N2 (2, n) squared gaps and their parts along the
-    record; trained (3,) : ln evidence, squared gap and number of the tests that it was fitted to."""
+    """What one fit misses on tests that it was not fitted to: power_N2 (n,) squared gaps; trained (3,) : ln evidence,
+    squared gap and number of the tests that it was fitted to."""
 
-    gaps_N2: Array
+    power_N2: Array
     trained: Array
 
 
 def _held_out(by: str, files: Sequence[str], found_by_set: dict[frozenset[str], list[_Predicted]]) -> HeldOut:
     """What several fits of each set miss, each on tests of its own, one after another."""
-    gaps_N2 = {k: np.concatenate([x.gaps_N2 for x in parts], axis=1) for k, parts in found_by_set.items()}
+    power_N2 = {k: np.concatenate([x.power_N2 for x in parts]) for k, parts in found_by_set.items()}
     trained = {
-        k: np.concatenate([np.tile(x.trained[:, None], x.gaps_N2.shape[1]) for x in parts], axis=1)
+        k: np.concatenate([np.tile(x.trained[:, None], len(x.power_N2)) for x in parts], axis=1)
         for k, parts in found_by_set.items()
     }
-    whole, along = ({k: v[i] for k, v in gaps_N2.items()} for i in range(2))
-    return HeldOut(by, tuple(files), whole, along, trained)
+    return HeldOut(by, tuple(files), power_N2, trained)
 
 
 def _refit_gaps(piece: tuple[Fit, GapData, GapData]) -> _Predicted:
@@ -120,6 +117,4 @@ def _refit_gaps(piece: tuple[Fit, GapData, GapData]) -> _Predicted:
 
 def _gaps(fit: Fit, data: GapData) -> _Predicted:
     """What it misses on tests that it was not fitted to."""
-    residual = residual_of(data, fit, refitted=False)
-    gaps_N2 = np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))])
-    return _Predicted(gaps_N2, np.full(3, np.nan))
+    return _Predicted(gap_power_N2(residual_of(data, fit, refitted=False)), np.full(3, np.nan))

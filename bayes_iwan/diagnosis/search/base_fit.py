@@ -79,11 +79,6 @@ def newton_nats(gap_N: float, sound_N: float, tests: int) -> float:
     return -0.5 * NEWTON_NATS * tests * float(np.log(gap_N**2 + sound_N**2))
 
 
-def changes(data: GapData, along_N: float) -> bool:
-    """Does a gap change along the record by as much as anything is named for?"""
-    return along_N >= LEAST_OF_FRICTION * float(np.sqrt(np.mean(data.level_N**2)))
-
-
 def has_gap(data: GapData, base: Fit) -> bool:
     """Does the base miss more than noise in any test or part of the gap, or could it, beyond what would be named?"""
     size = gap_size(residual_of(data, in_newtons(data, base)), draws=DRAWS)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import islice
+from operator import gt
 
 import numpy as np
 
@@ -103,18 +104,15 @@ class FittedSets:
             for f in fits
         ]
 
-    def score(self, fit: Fit) -> float:
-        return self.scores([fit])[0]
-
     def best(self, some: Iterable[frozenset[str]], most: int = 1) -> list[Fit]:
         """The fits of the best score among some sets, the best first."""
         fits = [self.fits[k] for k in some]
         order = sorted(zip(self.scores(fits), range(len(fits))), reverse=True)
         return [fits[i] for _, i in order[:most]]
 
-    def sets(self, size: int, beside: frozenset[str] = frozenset()) -> list[frozenset[str]]:
-        """The fitted sets of a size that have these effects and, but for them, nothing of LAST."""
-        return [k for k in self.fits if len(k) == size and beside <= k and not (k - beside) & LAST]
+    def sets(self, size: int) -> list[frozenset[str]]:
+        """The fitted sets of a size that have nothing of LAST."""
+        return [k for k in self.fits if len(k) == size and not k & LAST]
 
     def gap_parts_N(self, fit: Fit) -> tuple[float, float]:
         """See :func:`.base.gap_parts_N`; once for each fit."""
@@ -134,7 +132,7 @@ class FittedSets:
         if fit is None:
             return None
         old = self.fits.get(fit.names)
-        if old is None or self.score(fit) > self.score(old):
+        if old is None or gt(*self.scores([fit, old])):
             self.fits[fit.names] = fit
         return self.fits[fit.names]
 
@@ -203,8 +201,7 @@ def calibrated(kind: Maker, scales: Scales, data: GapData, base: Problem, z: Arr
     files = tuple(x.file for x in data.loops)
     effect = kind(scales, files)
     guess = effect.first_guess()
-    trial = np.minimum(guess * np.logspace(-3.0, 3.0, 61), 0.999 * effect.limit)
-    trial = np.unique(trial)
+    trial = np.unique(np.minimum(guess * np.logspace(-3.0, 3.0, 61), 0.999 * effect.limit))
     values = {n: np.full(len(trial), v[0]) for n, v in base.prior.values(z[None]).items()}
     for p in effect.parameters:
         values[p.name] = np.full(len(trial), float(p.value(np.zeros(1))[0]))

@@ -49,30 +49,9 @@ class _Common:
         """The base with the effects at these places of all."""
         return self.base.with_effects([self.effects[i] for i in places])
 
-
-@dataclass(frozen=True)
-class _Piece:
-    """A refit as it travels: its problem is the base with the effects at these places of all."""
-
-    effects: tuple[int, ...]
-    starts: Array
-    draws: Array
-    iterations: int
-
-
-@dataclass(frozen=True)
-class _Fitted:
-    """A fit as it travels, without its problem, and what is asked of it: work(data, fit), or candidates on top of it
-    (the effects at the places `tried`)."""
-
-    effects: tuple[int, ...]
-    parts: tuple[Any, ...]
-    work: Callable[[GapData, Fit], Any] | None = None
-    tried: tuple[int, ...] = ()
-    gap_N: float = 0.0
-
-    def fit(self, common: _Common) -> Fit:
-        return Fit(common.problem(self.effects), *self.parts)
+    def fit(self, places: Sequence[int], parts: Sequence[Any]) -> Fit:
+        """A fit from what travels of it."""
+        return Fit(self.problem(places), *parts)
 
 
 class Refits:
@@ -84,64 +63,65 @@ class Refits:
         self._place = {id(e): i for i, e in enumerate(self._common.effects)}
         self._rounds = Rounds(executor, self._common)
         self._made: dict[tuple[object, ...], Fit | None] = {}
-        #: is there another process, which would have nothing to do while this one refits a single model?
-        self.helped = executor is not None
 
     def __call__(self, some: Sequence[Refit]) -> Iterator[Fit | None]:
         """The fits in their order, None where a model has no finite force; the same bits wherever they are made."""
-        keys = [self._key(x) for x in some]
-        new = {key: x for key, x in zip(keys, some) if key not in self._made}
-        pieces = [_Piece(self._places(x.problem), x.starts, x.draws, x.iterations) for x in new.values()]
-        found = zip(new.items(), self._rounds.results(pieces, _refitted))
+        pieces = [(self._places(x.problem), x.starts, x.draws, x.iterations) for x in some]
+        keys = [(places, *(x.tobytes() for x in points), steps) for places, *points, steps in pieces]
+        new = {key: (x, piece) for key, x, piece in zip(keys, some, pieces) if key not in self._made}
+        found = zip(new.items(), self._rounds.results([piece for _, piece in new.values()], _refitted))
         for key in keys:
             if key not in self._made:
-                (made, one), parts = next(found)
+                (made, (one, _)), parts = next(found)
                 self._made[made] = None if parts is None else Fit(one.problem, *parts)
             yield self._made[key]
 
     def asked(self, work: Callable[[GapData, Fit], Answer], fits: Sequence[Fit]) -> list[Answer]:
         """work(data, fit) of every fit; work is a function of a module."""
-        pieces = [_Fitted(self._places(f.problem), _parts(f), work) for f in fits]
-        return list(self._rounds.results(pieces, _asked))
+        return list(self._rounds.results([(*self._travelling(f), work) for f in fits], _asked))
 
     def candidates(self, smaller: Fit, tried: Sequence[Effect], gap_N: float) -> list[Candidate]:
         """See :func:`.candidates.candidate`, of each of these effects on top of a fit that leaves a gap."""
-        places, parts = [self._place[id(e)] for e in tried], _parts(smaller)
-        some = [tuple(places[i : i + TOGETHER]) for i in range(0, len(places), TOGETHER)]
-        pieces = [_Fitted(self._places(smaller.problem), parts, None, x, gap_N) for x in some]
+        places, fit = [self._place[id(e)] for e in tried], self._travelling(smaller)
+        pieces = [(*fit, places[i : i + TOGETHER], gap_N) for i in range(0, len(places), TOGETHER)]
         found = [x for several in self._rounds.results(pieces, _promised) for x in several]
         return [Candidate(e, on_top(smaller, e), *x) for e, x in zip(tried, found)]
 
     def _places(self, problem: Problem) -> tuple[int, ...]:
         return tuple(self._place[id(e)] for e in problem.effects)
 
-    def _key(self, one: Refit) -> tuple[object, ...]:
-        return self._places(one.problem), one.starts.tobytes(), one.draws.tobytes(), one.iterations
+    def _travelling(self, fit: Fit) -> tuple[tuple[int, ...], tuple[Any, ...]]:
+        """A fit's effects, and its fields but the first, the problem, which is there already where the fit goes."""
+        return self._places(fit.problem), _parts(fit)
 
 
 def _parts(fit: Fit) -> tuple[Any, ...]:
-    """A fit's fields but the first, the problem, which is there already where the fit goes."""
     return tuple(getattr(fit, f.name) for f in fields(Fit)[1:])
 
 
-def _refitted(common: _Common, piece: _Piece) -> tuple[Any, ...] | None:
-    problem, starts = common.problem(piece.effects), piece.starts
-    if len(piece.draws):
-        starts = np.concatenate([starts, cheapest(common.data, problem, piece.draws, len(starts))])
+# what is done with a piece of work, in whatever process: places of the effects, then what it is done with
+
+
+def _refitted(common: _Common, piece: tuple[tuple[int, ...], Array, Array, int]) -> tuple[Any, ...] | None:
+    places, starts, draws, iterations = piece
+    problem = common.problem(places)
+    if len(draws):
+        starts = np.concatenate([starts, cheapest(common.data, problem, draws, len(starts))])
     try:
-        return _parts(fit_model(common.data, problem, starts, piece.iterations))
+        return _parts(fit_model(common.data, problem, starts, iterations))
     except FitError:
         return None
 
 
-def _asked(common: _Common, piece: _Fitted) -> Any:
-    assert piece.work is not None
-    return piece.work(common.data, piece.fit(common))
+def _asked(common: _Common, piece: tuple[Any, ...]) -> Any:
+    *fit, work = piece
+    return work(common.data, common.fit(*fit))
 
 
-def _promised(common: _Common, piece: _Fitted) -> list[tuple[Array, float, float]]:
+def _promised(common: _Common, piece: tuple[Any, ...]) -> list[tuple[Array, float, float]]:
     """Starts, gain and score of each effect tried."""
-    smaller = piece.fit(common)
+    *fit, tried, gap_N = piece
+    smaller = common.fit(*fit)
     alike = weighed_alike(common.data, smaller)
-    found = [candidate(common.data, smaller, alike, piece.gap_N, common.effects[i]) for i in piece.tried]
+    found = [candidate(common.data, smaller, alike, gap_N, common.effects[i]) for i in tried]
     return [(x.starts, x.gain, x.score) for x in found]

@@ -49,19 +49,15 @@ class Search:
         """The best fit of a set of effects. Raises KeyError where it was not refitted."""
         return self.fits[frozenset(names)]
 
-    def alternatives(self, name: str) -> dict[str, Fit]:
-        """Fits with one effect of the chosen set exchanged, by what stands in its place (itself included)."""
-        others = frozenset(self.chosen) - {name}
-        return {
-            next(iter(key - others)): fit
-            for key, fit in self.fits.items()
-            if others < key and len(key) == len(others) + 1
-        }
-
 
 def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:
     """Do the catalogue's authors expect the two to be hard to tell apart?"""
     return one == other or other in effects[one][0].look_alikes or one in effects[other][0].look_alikes
+
+
+def any_alike(effects: Mapping[str, tuple[Effect, ...]], name: str, names: Iterable[str]) -> bool:
+    """Is an effect, or what resembles it, in a set?"""
+    return any(look_alike(effects, name, n) for n in names)
 
 
 def alike_pairs(effects: Mapping[str, tuple[Effect, ...]], names: Iterable[str]) -> int:
