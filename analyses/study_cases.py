@@ -83,6 +83,7 @@ def read_cases(paths: Iterable[Path], half: str = "all") -> list[Case]:
 
 
 def case_of(stored: Mapping[str, Any]) -> Case:
+    """A case as it was stored, shares on held-out tests by the present rule where the tests' powers were kept."""
     truth = stored["truth"]
     some: list[dict[str, Any]] = [
         {k: float("nan") if v is None else v for k, v in f.items() if k in FIGURES}
@@ -96,7 +97,10 @@ def case_of(stored: Mapping[str, Any]) -> Case:
         tests=stored["tests"],
         effects=tuple(truth["effects"]),
         noise=float(truth.get("noise", {}).get("share_of_friction", 0.0)),
-        figures=tuple(replace(f, held_out=held_out_share(stored, f)) if f.has_held_out else f for f in figures),
+        figures=tuple(
+            replace(f, held_out=held_out_share(stored, f)) if f.has_held_out and "held_out" in stored else f
+            for f in figures
+        ),
         gap_resolved=by_set(stored["gap_resolved"]),
         stored=stored,
     )
