@@ -31,11 +31,6 @@ def one_start(found: FittedSets, one: Candidate, smaller: Fit, instead_of: Fit |
     return Refit(one.problem, one.starts, one.starts[:0])
 
 
-def start_without_draws(found: FittedSets, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
-    whole = FittedSets._start(found, one, smaller, instead_of)
-    return Refit(whole.problem, whole.starts, whole.starts[:0])
-
-
 def first_singles(found: FittedSets) -> None:
     """The SINGLE_MOST most promising alone, whatever they promise."""
     names = list(dict.fromkeys(x.name for x in found.offered(found.base)))[: model_search.SINGLE_MOST]

@@ -433,7 +433,8 @@ def test_an_integer_that_overflowed_is_refused(signal, share):
 def test_a_load_in_kilograms_is_a_force(tmp_path, unit):
     t = np.arange(400) / 100.0
     rows = "".join(f"{a:.2f};{np.sin(2 * np.pi * a):.6f};{2 * np.cos(2 * np.pi * a):.6f}\n" for a in t)
-    (tmp_path / "a.csv").write_text(f"Time [s];Stroke [mm];Load ({unit})\n{rows}")
+    rows = rows.replace("\n", ";3.2\n")  # and a mass is none
+    (tmp_path / "a.csv").write_text(f"Time [s];Stroke [mm];ch2 ({unit});moving mass (kg)\n{rows}")
     (found,) = import_tests([tmp_path / "a.csv"], Recipe())
     np.testing.assert_allclose(np.max(found.record.force_N), 2 * 9.80665, rtol=1e-4)
 

@@ -31,7 +31,7 @@ RISING = 0.9  # of the steps of a time channel go up
 #: what has the unit of a motion or a force and is no measurement of it: never taken unless it is named
 _NOT_MEASURED = re.compile(
     r"(?<![^\W_])(error|err|fehler|abweichung|deviation|écart|command|cmd|commanded|setpoint|set[ _-]point|soll|"
-    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit)(?![^\W\d_])",
+    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse)(?![^\W\d_])",
     re.IGNORECASE,
 )
 

@@ -27,7 +27,7 @@ LEAST_REACH = 0.05
 LEAST_RATIO = 1.3
 LENGTH = 0.05
 #: laws that are reported
-LAWS_MOST = 4
+REPORTED_MOST = 4
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class LawSearch:
         """The significant laws in order. p_value : of a score, the number of statistics allowed for."""
         out: list[GrowthLaw] = []
         left, signatures, remaining = self.left, list(self.signatures), list(range(len(self.names)))
-        while remaining and len(out) < LAWS_MOST:
+        while remaining and len(out) < REPORTED_MOST:
             found = []
             for i in remaining:
                 s = signatures[i]

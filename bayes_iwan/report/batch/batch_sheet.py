@@ -3,7 +3,7 @@
 from collections import Counter
 from datetime import date
 from pathlib import Path
-from textwrap import fill
+from textwrap import fill, shorten
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -46,7 +46,7 @@ def sheet_figure(batch: Batch) -> Figure:
 
 
 def _said(batch: Batch) -> list[str]:
-    failed = [f"Failed: {name}: {reason}" for name, reason in list(batch.failures.items())[:NAMED]]
+    failed = [shorten(f"Failed: {name}: {reason}", 100) for name, reason in list(batch.failures.items())[:NAMED]]
     if not batch.finished:
         return failed
     odd = [x for x in batch.unusual if x.notable]
