@@ -41,7 +41,7 @@ def test_stepwise_force_is_the_model_s(design, posterior):
 
 def test_stuck_elements_make_a_linear_oscillator(design):
     phi = np.full((1, 8), 1e6)
-    p = np.array([[5.0, 15.0, 0.0, 0.0, 0.0, 1.0, 1.0, 100.0]])  # kp 5, k1 15 N/mm, α = 1
+    p = np.array([[5.0, 15.0, 0.0, 0.0, 0.0, 1.0, 1.0, 100.0, 0.0, 0.0]])  # kp 5, k1 15 N/mm, α = 1
     hz = np.array([5.0, 60.0])
     ratio, _ = design.sweep(hz, 30, 0.1, 1.0, phi, p)
     natural = np.sqrt(20e3) / (2 * np.pi)
