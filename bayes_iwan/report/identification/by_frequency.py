@@ -10,7 +10,7 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.frequencies import Frequencies
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.quantities import loop_quantities
-from bayes_iwan.report.identification.loops import test_name
+from bayes_iwan.report.identification.loops import some_tests, test_name
 from bayes_iwan.report.identification.marginals import interval, number, symbol_of
 from bayes_iwan.report.identification.tables import spread
 from bayes_iwan.report.page import Cell, Table
@@ -108,8 +108,10 @@ def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
 @styled
 def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
     """Each test's loop as its own frequency alone predicts it (50 and 90 % bands) and as all tests together do (90 %
-    between the lines), both less the joint median; grey: the measured loop. Means, which drift, are taken off."""
-    tests = _alone(frequencies)
+    between the lines), both less the joint median; grey: the measured loop. Means, which drift, are taken off. Of many
+    tests some, spread over frequency and amplitude."""
+    every = _alone(frequencies)
+    tests = [every[t] for t in some_tests([loop for loop, _ in every])]
     columns = min(3, len(tests))
     rows = math.ceil(len(tests) / columns)
     figure, axes = subplots(rows, columns, 2.5 * columns + 0.4, 1.6 * rows + 0.7, sharex=True)
