@@ -14,7 +14,7 @@ from bayes_iwan.report.identification.loops import some_tests, test_name
 from bayes_iwan.report.identification.marginals import interval, number, symbol_of
 from bayes_iwan.report.identification.tables import spread
 from bayes_iwan.report.page import Cell, Table
-from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, styled, subplots, ticked
+from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, narrow, styled, subplots, ticked
 
 
 def _draws(posterior: Posterior, name: str) -> Array:
@@ -38,7 +38,7 @@ def wander_figure(frequencies: Frequencies) -> Figure:
     checks = frequencies.checks
     hz = frequencies.hz
     many = len(hz) > 4
-    columns = min(3 if many else 4, len(checks))
+    columns = min(2 if narrow() else 3 if many else 4, len(checks))
     rows = math.ceil(len(checks) / columns)
     wide, tall = (2.7, 1.95) if many else (2.0, 1.75)
     figure, axes = subplots(rows, columns, wide * columns + 0.3, tall * rows + 0.3)
@@ -68,7 +68,8 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         bad = check.p_value < 0.05
         p = f"{check.p_value:.2f}" if check.p_value >= 0.01 else "< 0.01"
         unit = f" ({check.unit})" if check.unit not in ("", "-") else ""
-        ax.set_title(f"{symbol_of(frequencies.joint, check.name)}{unit}", loc="left")
+        above = "\n" if narrow() else ""  # two titles do not go beside each other there
+        ax.set_title(f"{symbol_of(frequencies.joint, check.name)}{unit}{above}", loc="left")
         ax.set_title(
             ("✗ " if bad else "") + f"p {'=' if p[0] != '<' else ''} {p}".replace("  ", " "),
             loc="right",
