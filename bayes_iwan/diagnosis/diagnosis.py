@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
