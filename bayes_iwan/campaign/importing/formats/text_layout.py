@@ -4,10 +4,12 @@ import codecs
 import csv
 import math
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayes_iwan.campaign.importing.formats.stamps import is_stamp
+from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.recordings import RATES_HZ
 from bayes_iwan.campaign.importing.unit_texts import decimal_point, is_unit, role_of
 from bayes_iwan.campaign.recording.records import CampaignError
@@ -28,6 +30,12 @@ THOUSANDS = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}([, '’\u00a0\u202f]\d{3})+(\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}([. '’\u00a0\u202f]\d{3})+(,\d*)?"),
 }
+#: of text that is no UTF-8, in the order in which they are taken where they make equal sense
+ENCODINGS = (
+    "cp1252", "utf-8", "cp1251", "gb18030", "cp932", "cp850", "cp866", "koi8-r", "big5", "cp949", "euc-jp", "mac-roman",
+    "cp1250",
+)  # fmt: skip
+LONGEST_WORD, MOST_WORDS = 40, 200
 _RATE = (
     r"sampl\w*[ _-]*(?:rate|freq\w*)|(?:scan|data|acquisition|acq\.?)[ _-]*rate|abtast(?:rate|frequenz)|messrate|"
     r"fr[ée]quence d.[ée]chantillonnage|frequenza di campionamento|frecuencia de muestreo|采样(?:率|频率)|fs"
@@ -129,17 +137,17 @@ def is_missing(cell: str) -> bool:
 
 def decoded(file: str, raw: bytes, encoding: str | None) -> tuple[str, str]:
     """A file's text with lines ended by \\n, and its encoding."""
-    encoding = encoding or _encoding(file, raw)
-    if "16" in encoding and len(raw) % 2:
+    found = encoding or _encoding(file, raw)
+    if "16" in found and len(raw) % 2:
         raw = raw[:-1]
     try:
-        text = raw.decode(encoding)
+        text = raw.decode(found, "strict" if encoding else "replace")  # a damaged remark harms no number
     except LookupError:
         raise CampaignError(f"{file}: encoding {encoding!r} is not known; utf-8, cp1252 and utf-16 are") from None
     except UnicodeError:
         raise CampaignError(f"{file}: not written in {encoding}; leave --encoding out, or name the right one") from None
     text = re.sub(r"−(?=[\d.,])", "-", text.removeprefix("\ufeff"))  # a typographer's minus
-    return (text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text), encoding
+    return (text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text), found
 
 
 def _encoding(file: str, raw: bytes) -> str:
@@ -169,15 +177,18 @@ def _encoding(file: str, raw: bytes) -> str:
     except UnicodeDecodeError:
         if re.search(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]", start):
             raise CampaignError(f"{file}: no text, and no format that is known by its first bytes") from None
-    # Chinese characters of daily use are two bytes, the first of B0 ... D7: in Western text these do not stand in pairs
-    pairs = re.findall(rb"[\xb0-\xd7][\xa1-\xfe]", raw)
-    if 2 * len(pairs) > 0.6 * sum(map(len, re.findall(rb"[\x80-\xff]+", raw))):
-        try:
-            raw.decode("gb18030")
-            return "gb18030"
-        except UnicodeDecodeError:
-            pass
-    return "cp1252" if not re.search(rb"[\x81\x8d\x8f\x90\x9d]", raw) else "latin-1"
+    words = {name: _understood(start.decode(name, "replace")) for name in ENCODINGS}
+    return max(words, key=lambda name: words[name])
+
+
+def _understood(text: str) -> tuple[int, int]:
+    """How many words with letters beyond ASCII are a unit or begin a channel's name (one encoding makes them so), and
+    minus how many letters there are none of."""
+    texts = unicodedata.normalize("NFKC", text)
+    words = {w for w in re.split(r"[\s;,|:/\[\](){}<>\"=]+", texts) if w and not w.isascii() and len(w) < LONGEST_WORD}
+    whole = sorted(w for w in words if "\ufffd" not in w)[:MOST_WORDS]
+    known = sum((w.isalpha() and any(named(w, x) for x in WORDS)) or role_of(w) is not None for w in whole)
+    return known, -texts.count("\ufffd")
 
 
 def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> tuple[Style, int, int]:
