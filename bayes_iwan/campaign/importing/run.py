@@ -22,7 +22,7 @@ from bayes_iwan.campaign.importing.questions import ImportAsks, Question
 from bayes_iwan.campaign.importing.read import expanded, read_file
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.scaling import scaled, times_of
+from bayes_iwan.campaign.importing.scaling import moments_unit, scaled, times_of
 from bayes_iwan.campaign.importing.unit_texts import ROLES, is_ratio, is_volts, role_of
 from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
@@ -269,6 +269,8 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             steps = np.diff(time.values)
             if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
                 return [Question("--sample-rate", "", "1 or none", _ROWS.format(time.name))]
+            if moments_unit(time.values) and not time.unit:
+                continue
             if not recipe.units.get("time", time.unit) and (steps >= 1.0).all() and (steps == np.rint(steps)).all():
                 return [Question("--unit", "time", "ms", _WHOLE.format(time.name, float(np.median(steps))))]
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
