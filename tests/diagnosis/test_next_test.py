@@ -58,6 +58,14 @@ def test_where_no_test_separates_the_bench_is_named(kit):
     assert plan.expected_log_odds == 0.0 and plan.bench == "do this; or do that"
 
 
+def test_a_test_that_was_run_is_not_proposed(kit):
+    found = kit.diagnosed("channel_delay").search
+    asked = found.data, found.fit({"channel_delay"}), found.base, ("channel_delay", "none")
+    weak = RigLimits(1e-6, None, None)  # the gentlest test that was run is all that remains
+    assert next_test(*asked, ["turn it round", ""], weak).bench == "turn it round"
+    assert "rig" in next_test(*asked, [""], weak).bench
+
+
 def test_a_plan_keeps_to_what_the_rig_can_do(kit):
     found = kit.diagnosed("channel_delay").search
     f, a = [x.frequency_hz for x in found.data.loops], [x.amplitude_mm for x in found.data.loops]

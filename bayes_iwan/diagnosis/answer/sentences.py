@@ -8,6 +8,7 @@ from bayes_iwan.diagnosis.answer.wording import (
     capital,
     few,
     force,
+    interval,
     listed,
     odds,
     percent,
@@ -70,7 +71,8 @@ def _size(d: Diagnosis) -> str:
             f"The model misses nothing beyond noise: at most {force(gap.high_N)} RMS, {percent(gap.share_high)} of the "
             f"friction force (noise {force(gap.noise_N)})."
         )
-    text = f"The model misses {force(gap.rms_N)} RMS ({force(gap.low_N)} to {force(gap.high_N)}), "
+    ends = interval((gap.low_N, gap.high_N), force)
+    text = f"The model misses {force(gap.rms_N)} RMS{'' if ends == interval([gap.rms_N] * 2, force) else f' ({ends})'}, "
     text += f"{percent(gap.share)} of the friction force (noise {force(gap.noise_N)})"
     if d.before.along.rms_N > 0.5 * gap.rms_N:
         text += f"; of that {force(d.before.along.rms_N)} change along the records"
@@ -112,11 +114,13 @@ def _kind(d: Diagnosis) -> list[str]:
         tail = f" {capital(few(others, 'and'))} cannot be excluded." if others else ""
         return [*out, f"No effect outside the model is needed (probability {probability(none)}).{tail}"]
     if v.kind is Kind.NONE:
-        some = f": {few(others)}" if others else ""
+        named = [(title(n), v.probabilities[n]) for n in others[:MOST_NAMES]]
+        named += [("a cause without a name", v.probabilities["unknown"])]
+        some = ", ".join(f"{name} ({probability(p)})" for name, p in named if p >= LISTED)
         return [
             *out,
-            f"No effect is named. One probably contributes (probability {probability(1.0 - none)}){some}. These tests "
-            "do not tell which.",
+            f"No effect is named, though something probably contributes (probability {probability(1.0 - none)}): {some}. "
+            "These tests do not tell what.",
         ]
     if v.one_of:
         return out
@@ -190,7 +194,7 @@ def _probable(d: Diagnosis, text: str) -> list[str]:
     if not left:
         return []
     some = ", ".join(f"{title(n)} ({probability(d.verdict.probabilities[n])})" for n in left)
-    return [f"Probable but not named, for what it removes of the gap is too little or too uncertain: {some}."]
+    return [f"More probable than not, though not enough to be named: {some}."]
 
 
 def _suspects(d: Diagnosis) -> list[str]:
@@ -221,13 +225,10 @@ def _imitation(x: Imitation, d: Diagnosis) -> str:
     # the list is cut, and the base's own freedom is the point
     own_second = sorted(x.tied[1:], key=lambda n: n != x.name)
     text = f"{capital(x.what)}: {few([x.tied[0], *own_second])}."
-    if len(x.tied) == 1:  # an effect, which these tests tell from what the base has
-        text += f" With it the model would miss {left} of the friction force, with {title(x.name)} instead "
-        text += percent(share[x.name])
-        text += f", with neither {percent(x.without)}." if x.without > share[x.name] else "."
-    else:
-        text += f" The evidence is for {listed(named)}." if named else " These tests do not tell which."
-        text += f" With one of them the model would miss {left} of the friction force, with none {percent(x.without)}."
+    text += f" The evidence is for {listed(named)}." if named else " These tests do not tell which."
+    text += f" With one of them the model would miss {left} of the friction force"
+    text += "" if x.name in x.tied else f", with {title(x.name)} instead {percent(share[x.name])}"
+    text += f", with none {percent(x.without)}."
     if x.what == "speed dependence" and not _frequencies_differ(d):
         text += " The tests' frequencies hardly differ, so a dependence on amplitude would look alike."
     return text
