@@ -117,8 +117,10 @@ def test_text_and_json_agree(answers, kind):
         assert f"{percent(c['share_held_out'])} on held-out tests" in text
     # what is unexplained is always said, as the JSON has it
     (unexplained,) = (s for s in said if s.startswith("Unexplained: "))
-    assert percent(d["gap"]["after_share"]) + " of the friction force" in unexplained
-    assert percent(d["unexplained"]["share"] if d["verdict"]["causes"] else 1.0) + " of the gap" in unexplained
+    resolved = d["gap"]["after_interval_N"][0] > 0.0 or d["verdict"]["unknown_cause"]
+    assert (percent(d["gap"]["after_share"]) if resolved else "nothing beyond noise") in unexplained
+    if resolved:
+        assert percent(d["unexplained"]["share"] if d["verdict"]["causes"] else 1.0) + " of the gap" in unexplained
     # the gap shrinks by what is explained, by nothing where nothing is named
     share, (low, high) = d["unexplained"]["share"], d["unexplained"]["interval"]
     left = (share, high, low) if d["verdict"]["causes"] else (1.0, 1.0, 1.0)
@@ -182,6 +184,49 @@ def test_a_dependence_that_one_effect_explains_is_left_to_the_verdict(answers):
     said = " ".join(sentences(replace(answers["none, ties"], imitations=(two,))))
     instead = "with a normal force that grows with speed instead 2.5 %, with none 12 %."
     assert f"With one of them the model would miss 2 % to 11 % of the friction force, {instead}" in said
+
+
+def test_what_is_no_more_than_noise_is_said_so(answers):
+    found = answers["named"]
+    after = replace(found.budget.after, rms_N=3e-12, share=1e-12, low_N=0.0, high_N=0.04, share_high=0.011)
+    clean = replace(found, budget=replace(found.budget, after=after))
+    (said,) = (s for s in sentences(clean) if s.startswith("Unexplained"))
+    assert said == "Unexplained: nothing beyond noise (at most 40 mN, 1.1 % of the friction force)."
+    none = answers["none"]
+    clean = replace(none.budget.before, rms_N=0.0, share=0.0, low_N=0.0, high_N=0.0, share_high=0.0)
+    said = sentences(replace(none, budget=replace(none.budget, before=clean, after=clean)))
+    assert said[0].startswith("The model misses nothing beyond noise (noise ")
+    assert "Unexplained: nothing beyond noise." in said
+
+
+def test_a_gap_that_no_sound_specimen_leaves_is_not_called_one(answers):
+    found = answers["none, improbable"]
+    for share, word in ((0.004, "A sound specimen differs"), (0.055, "Another form of the base model")):
+        after = replace(found.budget.after, rms_N=0.1, low_N=0.09, share=share)
+        (said,) = (
+            s for s in sentences(replace(found, budget=replace(found.budget, after=after))) if s.startswith("Unexpl")
+        )
+        assert word in said
+
+
+def test_a_line_at_half_the_frequency_is_said_whatever_the_loops_show(answers):
+    none = answers["none"]
+    line = replace(none, budget=replace(none.budget, unexplained=replace(none.budget.unexplained, subharmonic=257.0)))
+    d = to_dict(line)
+    assert any("half the test frequency, which averaged loops hide" in s for s in d["sentences"])
+    assert d["verdict"]["colour"] == "note"
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k != "drive"])
+def test_where_no_test_is_left_the_answer_says_why(answers, kind):
+    d = replace(answers[kind], next_test=None)
+    said = sentences(d)[-1]
+    if d.verdict.kind is Kind.NONE and d.verdict.probabilities["none"] >= 0.5:
+        assert said == "Next: no further test is needed."
+    elif kind == "single record":
+        assert said == "Next: record other amplitudes and frequencies."
+    else:
+        assert "these effects" in said if d.verdict.causes else "no known effect is left" in said
 
 
 def test_an_interval_whose_ends_read_alike_is_left_out(answers):

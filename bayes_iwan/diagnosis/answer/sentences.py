@@ -19,6 +19,7 @@ from bayes_iwan.diagnosis.answer.wording import (
     title,
 )
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
+from bayes_iwan.diagnosis.constants import LEAST_GAP
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
 
 #: probability above which an effect that is not named is listed, and above which the text must name it
@@ -49,7 +50,7 @@ def sentences(d: Diagnosis) -> list[str]:
     tests cannot tell, and the next test."""
     out = [_size(d), *_clipped(d), *_kind(d), *(_cause(c, d) for c in d.verdict.causes), *_one_of(d)]
     out += [*_probable(d, " ".join(out)), *_suspects(d), *_imitations(d), _unexplained(d), *_resembles(d)]
-    out += [*_edges(d), *_no_clock(d), *_not_tested(d), *_not_converged(d), _next(d)]
+    out += [*_edges(d), *_no_clock(d), *_not_tested(d), *_not_converged(d), next_sentence(d)]
     return out
 
 
@@ -61,16 +62,15 @@ def colour(d: Diagnosis) -> str:
     contradicted = kind is Kind.NONE and d.verdict.probabilities["none"] < MUST_NAME
     untested = kind is not Kind.NONE and not parted(d.data)
     tied = any(x.said for x in d.imitations) or any(c.tied_with for c in d.verdict.causes)
-    return "note" if contradicted or untested or tied or d.edges or not d.campaign.clock else "good"
+    hidden = _half_frequency(d) or d.edges or not d.campaign.clock
+    return "note" if contradicted or untested or tied or hidden else "good"
 
 
 def _size(d: Diagnosis) -> str:
     gap = d.budget.before
     if gap.low_N <= 0.0:
-        return (
-            f"The model misses nothing beyond noise: at most {force(gap.high_N)} RMS, {percent(gap.share_high)} of the "
-            f"friction force (noise {force(gap.noise_N)})."
-        )
+        most = f": at most {force(gap.high_N)} RMS, {percent(gap.share_high)} of the friction force"
+        return f"The model misses nothing beyond noise{most if gap.high_N > 0.0 else ''} (noise {force(gap.noise_N)})."
     ends = interval((gap.low_N, gap.high_N), force)
     text = f"The model misses {force(gap.rms_N)} RMS{'' if ends == interval([gap.rms_N] * 2, force) else f' ({ends})'}, "
     text += f"{percent(gap.share)} of the friction force (noise {force(gap.noise_N)})"
@@ -245,13 +245,18 @@ def _unexplained(d: Diagnosis) -> str:
     unexplained, after = d.budget.unexplained, d.budget.after
     kind = d.verdict.kind
     share = percent(1.0 if not d.verdict.causes else unexplained.share.value)
+    if after.low_N <= 0.0 and not d.verdict.unknown_cause:
+        most = f" (at most {force(after.high_N)}, {percent(after.share_high)} of the friction force)"
+        return f"Unexplained: nothing beyond noise{most if after.high_N > 0.0 else ''}."
     size = f"{share} of the gap, {force(after.rms_N)}, {percent(after.share)} of the friction force"
     if d.verdict.one_of and not d.verdict.causes:
         size += ", since nothing is named"
     if kind is Kind.EXPLAINED:
         return f"Unexplained: {size}. A law that is slightly off leaves as much."
-    if kind is Kind.NONE:
+    if kind is Kind.NONE and after.share <= LEAST_GAP:
         return f"Unexplained: {size}. A sound specimen differs from the model by as much."
+    if kind is Kind.NONE:
+        return f"Unexplained: {size}. Another form of the base model would leave less."
     if kind is Kind.DRIVE:
         return f"Unexplained: {size}. It may be the channels' or the specimen's."
     return f"Unexplained: {size} (probability {probability(unexplained.probability)} that it has a cause of its own)."
@@ -263,9 +268,16 @@ def _resembles(d: Diagnosis) -> list[str]:
     physics = physics_of_pattern(unexplained.resembles) if d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN) else None
     if physics:
         out.append(f"It resembles this most: {physics.rstrip('.')}.")
-    if unexplained.subharmonic > SUBHARMONIC_SAID and d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN):
-        out.append("Every second cycle differs: the records hold a line at half the test frequency.")
+    if _half_frequency(d):
+        out.append(
+            "Every second cycle differs: the records hold a line at half the test frequency, which averaged loops hide."
+        )
     return out
+
+
+def _half_frequency(d: Diagnosis) -> bool:
+    """Do the records hold a line at half the test frequency, whatever the averaged loops show?"""
+    return d.budget.unexplained.subharmonic > SUBHARMONIC_SAID and d.verdict.kind is not Kind.DRIVE
 
 
 def _edges(d: Diagnosis) -> list[str]:
@@ -311,17 +323,22 @@ def _not_converged(d: Diagnosis) -> list[str]:
     ]
 
 
-def _next(d: Diagnosis) -> str:
+def next_sentence(d: Diagnosis) -> str:
+    """What to do next."""
     if d.verdict.kind is Kind.DRIVE:
         return "Next: run these tests again with sines."
     following = d.next_test
     if following is None and d.verdict.kind is not Kind.NONE and not parted(d.data):
         return "Next: record other amplitudes" + (" and frequencies." if d.campaign.clock else ".")
+    if following is None and d.verdict.kind is Kind.NONE and d.verdict.probabilities["none"] >= MUST_NAME:
+        return "Next: no further test is needed."
+    if following is None and not d.verdict.causes:
+        return "Next: no known effect is left for a test to separate; where the gap sits leads to its cause."
     if following is None:
-        return "No further test would separate these effects better."
+        return "Next: no further test would separate these effects better."
     pair = listed(following.separates)
     if following.bench:
-        return f"Next, at the bench: {following.bench}. No loop test would separate {pair} well."
+        return f"Next: {following.bench}. No one test that this rig can run would separate {pair} well."
     return f"Next: run {planned(following)}. It separates {pair} (expected odds {odds(following.expected_log_odds)})."
 
 
