@@ -290,12 +290,13 @@ def _next(
     data: GapData, found: Weighed, verdict: Verdict, constants: Calibration, campaign: Campaign
 ) -> NextTest | None:
     """The test that best settles what is still in question: a cause and its nearest alternative, or whether a cause is
-    there at all; None where nothing is, or where the drive must be fixed first."""
+    there at all; None where nothing is, or where the drive must be fixed first. What no test can make plausible is not
+    in question."""
     if verdict.kind is Kind.DRIVE:
         return None
     whole = frozenset(found.search.chosen)
     for f in sorted(found.figures, key=lambda f: -f.moved):
-        if f.name in NO_CAUSE:
+        if f.name in NO_CAUSE or f.odd:
             continue
         others = [
             n

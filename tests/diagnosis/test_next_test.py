@@ -104,7 +104,7 @@ def test_two_models_that_both_miss_much_promise_less(kit, monkeypatch):
 def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
     """What removes nothing has left the set, but others were fitted beside it."""
     fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("a"): "kept"}
-    place = SimpleNamespace(name="a", moved=0.1, alternatives={"a": 0.0, "c": -2.0})
+    place = SimpleNamespace(name="a", moved=0.1, alternatives={"a": 0.0, "c": -2.0}, odd="")
     search = SimpleNamespace(chosen=("a",), fit=lambda names: fits[frozenset(names)], effects={})
     found = SimpleNamespace(
         search=search, asked=frozenset("ab"), figures=(place,), fits=fits, sets={frozenset("a"): 1.0}
@@ -113,3 +113,5 @@ def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
     monkeypatch.setattr(diagnosis, "next_test", lambda data, *asked: asked[:3])
     verdict, campaign = SimpleNamespace(kind=Kind.EXPLAINED), SimpleNamespace(limits=None)
     assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))
+    odd = SimpleNamespace(**{**vars(found), "figures": (SimpleNamespace(**{**vars(place), "odd": "it is too slow"}),)})
+    assert diagnosis._next(None, odd, verdict, constants, campaign) is None

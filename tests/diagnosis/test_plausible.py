@@ -47,7 +47,8 @@ def test_a_time_constant_beyond_the_tested_periods_is_none(kit, law, refused):
     for periods, beyond in ((0.1, False), (1.1 * LONGEST_PERIODS, True)):
         values = {n: np.array([periods / 8.0]) for n in names}
         fit = SimpleNamespace(
-            z=np.zeros(len(names)), problem=SimpleNamespace(names=names, prior=SimpleNamespace(values=lambda z: values))
+            z=np.zeros(len(names)),
+            problem=SimpleNamespace(names=names, prior=SimpleNamespace(values=lambda z, v=values: v)),
         )
         assert ("longer than" in implausible(effect, fit, slow)) == (beyond and refused)
 

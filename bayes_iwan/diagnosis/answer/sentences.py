@@ -72,8 +72,9 @@ def _size(d: Diagnosis) -> str:
         most = f": at most {force(gap.high_N)} RMS, {percent(gap.share_high)} of the friction force"
         return f"The model misses nothing beyond noise{most if gap.high_N > 0.0 else ''} (noise {force(gap.noise_N)})."
     ends = interval((gap.low_N, gap.high_N), force)
-    text = f"The model misses {force(gap.rms_N)} RMS{'' if ends == interval([gap.rms_N] * 2, force) else f' ({ends})'}, "
-    text += f"{percent(gap.share)} of the friction force (noise {force(gap.noise_N)})"
+    ends = "" if ends == interval([gap.rms_N] * 2, force) else f" ({ends})"
+    text = f"The model misses {force(gap.rms_N)} RMS{ends}, {percent(gap.share)} of the friction force "
+    text += f"(noise {force(gap.noise_N)})"
     if d.before.along.rms_N > 0.5 * gap.rms_N:
         text += f"; of that {force(d.before.along.rms_N)} change along the records"
     if gap.share > NO_MODEL:
@@ -119,8 +120,8 @@ def _kind(d: Diagnosis) -> list[str]:
         some = ", ".join(f"{name} ({probability(p)})" for name, p in named if p >= LISTED)
         return [
             *out,
-            f"No effect is named, though something probably contributes (probability {probability(1.0 - none)}): {some}. "
-            "These tests do not tell what.",
+            f"No effect is named, though something probably contributes (probability {probability(1.0 - none)}): "
+            f"{some}. These tests do not tell what.",
         ]
     if v.one_of:
         return out

@@ -73,9 +73,7 @@ def compared_sets(search: Search) -> tuple[Names, ...]:
     return tuple(k for k in dict.fromkeys([*three_sets(frozenset(search.chosen)), *without]) if k in search.fits)
 
 
-def figures_of(
-    search: Search, sizes: Mapping[Names, GapSize], held_out: Sequence[HeldOut]
-) -> tuple[Figures, ...]:
+def figures_of(search: Search, sizes: Mapping[Names, GapSize], held_out: Sequence[HeldOut]) -> tuple[Figures, ...]:
     """The figures of every effect of the best set.
 
     sizes : gap of the base, the best set, it without each effect and each effect alone; held_out : what
