@@ -206,7 +206,7 @@ def _suspects(d: Diagnosis) -> list[str]:
     which = ", ".join(f"{title(x.name)} (by {percent(x.share)})" for x in some[:MOST_NAMES])
     more = f" and {len(some) - MOST_NAMES} more" if len(some) > MOST_NAMES else ""
     if parted(d.data):
-        return [f"Each of these would reduce the gap, but the shape of the residual does not match: {which}{more}."]
+        return [f"Each of these alone would reduce the gap, but its fit or its numbers speak against it: {which}{more}."]
     return [f"Each of these would reduce the gap, but tests that are all alike show no cause: {which}{more}."]
 
 
@@ -228,8 +228,9 @@ def _imitation(x: Imitation, d: Diagnosis) -> str:
     text = f"{capital(x.what)}: {few([x.tied[0], *own_second])}."
     text += f" The evidence is for {listed(named)}." if named else " These tests do not tell which."
     text += f" With one of them the model would miss {left} of the friction force"
-    text += "" if x.name in x.tied else f", with {title(x.name)} instead {percent(share[x.name])}"
-    text += f", with none {percent(x.without)}."
+    own, none = percent(share[x.name]), percent(x.without)
+    text += f", with {title(x.name)} instead {own}" if x.name not in x.tied and own != none else ""
+    text += f", with none {none}."
     if x.what == "speed dependence" and not _frequencies_differ(d):
         text += " The tests' frequencies hardly differ, so a dependence on amplitude would look alike."
     return text
