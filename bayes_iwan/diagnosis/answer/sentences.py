@@ -206,7 +206,7 @@ def _suspects(d: Diagnosis) -> list[str]:
     which = ", ".join(f"{title(x.name)} (by {percent(x.share)})" for x in some[:MOST_NAMES])
     more = f" and {len(some) - MOST_NAMES} more" if len(some) > MOST_NAMES else ""
     if parted(d.data):
-        return [f"Each of these alone would reduce the gap, but its fit or its numbers speak against it: {which}{more}."]
+        return [f"Each of these would reduce the gap, but its fit or its numbers speak against it: {which}{more}."]
     return [f"Each of these would reduce the gap, but tests that are all alike show no cause: {which}{more}."]
 
 
