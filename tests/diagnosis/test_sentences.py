@@ -226,7 +226,7 @@ def test_where_no_test_is_left_the_answer_says_why(answers, kind):
     elif kind == "single record":
         assert said == "Next: record other amplitudes and frequencies."
     else:
-        assert "these effects" in said if d.verdict.causes else "no known effect is left" in said
+        assert "these effects" in said if d.verdict.causes or d.verdict.one_of else "no known effect is left" in said
 
 
 def test_an_interval_whose_ends_read_alike_is_left_out(answers):

@@ -334,7 +334,7 @@ def next_sentence(d: Diagnosis) -> str:
         return "Next: record other amplitudes" + (" and frequencies." if d.campaign.clock else ".")
     if following is None and d.verdict.kind is Kind.NONE and d.verdict.probabilities["none"] >= MUST_NAME:
         return "Next: no further test is needed."
-    if following is None and not d.verdict.causes:
+    if following is None and not d.verdict.causes and not d.verdict.one_of:
         return "Next: no known effect is left for a test to separate; where the gap sits leads to its cause."
     if following is None:
         return "Next: no further test would separate these effects better."
