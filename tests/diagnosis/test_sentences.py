@@ -191,7 +191,7 @@ def test_what_is_no_more_than_noise_is_said_so(answers):
     after = replace(found.budget.after, rms_N=3e-12, share=1e-12, low_N=0.0, high_N=0.04, share_high=0.011)
     clean = replace(found, budget=replace(found.budget, after=after))
     (said,) = (s for s in sentences(clean) if s.startswith("Unexplained"))
-    assert said == "Unexplained: nothing beyond noise (at most 40 mN, 1.1 % of the friction force)."
+    assert said == "Unexplained: nothing beyond noise: at most 40 mN RMS, 1.1 % of the friction force."
     none = answers["none"]
     clean = replace(none.budget.before, rms_N=0.0, share=0.0, low_N=0.0, high_N=0.0, share_high=0.0)
     said = sentences(replace(none, budget=replace(none.budget, before=clean, after=clean)))

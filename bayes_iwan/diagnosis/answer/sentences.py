@@ -20,6 +20,7 @@ from bayes_iwan.diagnosis.answer.wording import (
 )
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
 from bayes_iwan.diagnosis.constants import LEAST_GAP
+from bayes_iwan.diagnosis.fits.gap_size import Gap
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
 
 #: probability above which an effect that is not named is listed, and above which the text must name it
@@ -69,8 +70,7 @@ def colour(d: Diagnosis) -> str:
 def _size(d: Diagnosis) -> str:
     gap = d.budget.before
     if gap.low_N <= 0.0:
-        most = f": at most {force(gap.high_N)} RMS, {percent(gap.share_high)} of the friction force"
-        return f"The model misses nothing beyond noise{most if gap.high_N > 0.0 else ''} (noise {force(gap.noise_N)})."
+        return f"The model misses nothing beyond noise{_at_most(gap)} (noise {force(gap.noise_N)})."
     ends = interval((gap.low_N, gap.high_N), force)
     ends = "" if ends == interval([gap.rms_N] * 2, force) else f" ({ends})"
     text = f"The model misses {force(gap.rms_N)} RMS{ends}, {percent(gap.share)} of the friction force "
@@ -80,6 +80,12 @@ def _size(d: Diagnosis) -> str:
     if gap.share > NO_MODEL:
         text += ". That is nearly all of it: the base model does not describe this specimen"
     return text + "."
+
+
+def _at_most(gap: Gap) -> str:
+    """The upper end of what noise hides, where that is anything."""
+    share = percent(gap.share_high)
+    return "" if share == percent(0.0) else f": at most {force(gap.high_N)} RMS, {share} of the friction force"
 
 
 def _clipped(d: Diagnosis) -> list[str]:
@@ -248,8 +254,7 @@ def _unexplained(d: Diagnosis) -> str:
     kind = d.verdict.kind
     share = percent(1.0 if not d.verdict.causes else unexplained.share.value)
     if after.low_N <= 0.0 and not d.verdict.unknown_cause:
-        most = f" (at most {force(after.high_N)}, {percent(after.share_high)} of the friction force)"
-        return f"Unexplained: nothing beyond noise{most if after.high_N > 0.0 else ''}."
+        return f"Unexplained: nothing beyond noise{_at_most(after)}."
     size = f"{share} of the gap, {force(after.rms_N)}, {percent(after.share)} of the friction force"
     if d.verdict.one_of and not d.verdict.causes:
         size += ", since nothing is named"
