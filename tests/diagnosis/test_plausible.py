@@ -69,12 +69,13 @@ def test_a_number_far_from_its_prior_is_not_plausible(kit):
     assert "exponent" in implausible(effect, fit, data)
 
 
-def test_the_numbers_that_are_reported_are_those_that_must_be_plausible(kit, monkeypatch):
+def test_numbers_must_be_plausible_where_they_and_where_shares_are_from(kit, monkeypatch):
     found = kit.diagnosed("channel_delay").found
-    asked = []
-    monkeypatch.setattr(indicators, "implausible", lambda effect, fit, data: asked.append(fit) or "")
-    figures_of(found.search, found.models.sizes, found.held_out)
-    assert asked and all(fit is found.models.fits[found.asked] for fit in asked)
+    best, nearest = found.models.fits[found.asked], found.models.nearest[found.asked]
+    for odd in (best, nearest):
+        monkeypatch.setattr(indicators, "implausible", lambda effect, fit, data, odd=odd: "odd" if fit is odd else "")
+        figures = figures_of(found.search, found.models.sizes, nearest, found.held_out)
+        assert figures and all(f.odd == "odd" for f in figures)
 
 
 @pytest.mark.parametrize(("without", "beside", "why"), [(4.5, 1.0, "k1_N_mm"), (4.5, 4.2, ""), (2.0, 0.0, "")])
