@@ -298,13 +298,13 @@ def _next(
     data: GapData, found: Weighed, verdict: Verdict, constants: Calibration, campaign: Campaign
 ) -> NextTest | None:
     """The test that best settles what is still in question: a cause and its nearest alternative, or whether a cause is
-    there at all; None where nothing is, or where the drive must be fixed first. What no test can make plausible is not
-    in question."""
+    there at all; None where nothing is, or where the drive must be fixed first. What is not plausible is in
+    question only where it is one of those that are said to contribute."""
     if verdict.kind is Kind.DRIVE:
         return None
-    whole = frozenset(found.search.chosen)
+    whole, said = frozenset(found.search.chosen), {n for x in verdict.one_of for n in x.names}
     for f in sorted(found.figures, key=lambda f: -f.moved):
-        if f.name in NO_CAUSE or f.odd:
+        if f.name in NO_CAUSE or (f.odd and f.name not in said):
             continue
         others = [
             n

@@ -111,7 +111,9 @@ def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
     )
     constants = SimpleNamespace(apart=30.0)
     monkeypatch.setattr(diagnosis, "next_test", lambda data, *asked: asked[:3])
-    verdict, campaign = SimpleNamespace(kind=Kind.EXPLAINED), SimpleNamespace(limits=None)
+    verdict, campaign = SimpleNamespace(kind=Kind.EXPLAINED, one_of=()), SimpleNamespace(limits=None)
     assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))
     odd = SimpleNamespace(**{**vars(found), "figures": (SimpleNamespace(**{**vars(place), "odd": "it is too slow"}),)})
     assert diagnosis._next(None, odd, verdict, constants, campaign) is None
+    verdict.one_of = (SimpleNamespace(names=("a", "c")),)
+    assert diagnosis._next(None, odd, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))
