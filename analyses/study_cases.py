@@ -142,8 +142,7 @@ def answer(case: Case, c: Calibration) -> Answer:
     sets = case.sets
     named = verdict.named_by(case.figures, sets)
     p = verdict.contributing(case.figures, sets)
-    own = frozenset(f.name for f in case.figures) & MODEL_FORM
-    left = case.gap_resolved[frozenset(named) | own]
+    left = case.gap_resolved[frozenset(named) | verdict.usual_form(case.figures)]
     unknown = verdict.unknown_cause_probability(c.unknown_cause(left), case.figures, sets)
     tied = {n for f in case.figures if f.name in named for n in verdict.candidates_of(f, c)}
     tied |= {n for some in verdict.one_of(case.figures, named, sets, c) for n in some.names}

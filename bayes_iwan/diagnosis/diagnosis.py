@@ -1,6 +1,7 @@
 """The diagnosis of one campaign: the gap as a budget of named causes and an unexplained part."""
 
 import os
+import re
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -258,13 +259,20 @@ def _draws(fit: Fit, rng: np.random.Generator, count: int) -> dict[str, Array]:
 def _parameters(fit: Fit, data: GapData, rng: np.random.Generator) -> dict[str, dict[str, EffectParameter]]:
     """Parameters of every effect of a fit as reported, what it does within the records before them; nature's law is not
     quite ours, and that counts."""
-    values = _draws(fit, rng, DRAWS)
+    values, clock = _draws(fit, rng, DRAWS), data.loops[0].record.clock
     out: dict[str, dict[str, EffectParameter]] = {}
     for effect in fit.effects:
         law = 1.0 + effect.law_error * rng.standard_normal(DRAWS)
         numbers = effect.within(values, data.block_motion) | effect.reported(values)
-        out[effect.name] = {n: _estimate(v * law, unit) for n, (v, unit) in numbers.items()}
+        out[effect.name] = {
+            n: _estimate(v * law, unit if clock else in_cycles(unit)) for n, (v, unit) in numbers.items()
+        }
     return out
+
+
+def in_cycles(unit: str) -> str:
+    """A unit of records without a clock, of which every cycle lasts a second: "cycles" for "s"."""
+    return re.sub(r"\bs\b", "cycles", unit)
 
 
 def _estimate(values: Array, unit: str) -> EffectParameter:
@@ -290,12 +298,13 @@ def _next(
     data: GapData, found: Weighed, verdict: Verdict, constants: Calibration, campaign: Campaign
 ) -> NextTest | None:
     """The test that best settles what is still in question: a cause and its nearest alternative, or whether a cause is
-    there at all; None where nothing is, or where the drive must be fixed first."""
+    there at all; None where nothing is, or where the drive must be fixed first. What is not plausible is in
+    question only where it is one of those that are said to contribute."""
     if verdict.kind is Kind.DRIVE:
         return None
-    whole = frozenset(found.search.chosen)
+    whole, said = frozenset(found.search.chosen), {n for x in verdict.one_of for n in x.names}
     for f in sorted(found.figures, key=lambda f: -f.moved):
-        if f.name in NO_CAUSE:
+        if f.name in NO_CAUSE or (f.odd and f.name not in said):
             continue
         others = [
             n

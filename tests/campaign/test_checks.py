@@ -98,6 +98,18 @@ def test_coarse_rounding_is_not_clipping(tmp_path, record):
     assert campaign(tmp_path, [rounded]).tests[0].warnings == ()
 
 
+def test_a_force_in_coarse_steps_is_not_frozen(tmp_path, record):
+    r = record(noise_N=0.05)
+    step = 0.12 * float(np.ptp(r.force_N))
+    coarse = replace(r, force_N=step * np.round(r.force_N / step))
+    (loop,) = campaign(tmp_path, [coarse]).loops()
+    assert not any("off the other cycles" in w for w in loop.record.warnings)
+    dead = coarse.force_N.copy()
+    dead[700:760] = dead[700]
+    with pytest.raises(CampaignError, match="stands still where it moves in other cycles"):
+        campaign(tmp_path, [replace(r, force_N=dead)]).loops()
+
+
 def test_aliased(tmp_path, record):
     with pytest.raises(CampaignError, match=r"test\.csv: 7\.0 samples a cycle.*Sample faster"):
         campaign(tmp_path, [record(rate_hz=70.0)])

@@ -16,7 +16,14 @@ from bayes_iwan.diagnosis.assessment.calibration import (
     set_probabilities,
 )
 from bayes_iwan.diagnosis.assessment.indicators import Figures
-from bayes_iwan.diagnosis.assessment.verdict import contributing, named_by, one_of, refused, unknown_cause_probability
+from bayes_iwan.diagnosis.assessment.verdict import (
+    contributing,
+    named_by,
+    one_of,
+    refused,
+    unknown_cause_probability,
+    usual_form,
+)
 from bayes_iwan.diagnosis.constants import (
     ALIKE_NATS,
     COARSENED,
@@ -210,6 +217,13 @@ def test_a_pattern_speaks_for_a_cause_where_it_removes_as_much_as_a_cause_must()
     assert unknown_cause_probability(0.1, [replace(sure, fitted=0.01)], one_set(sure)) == pytest.approx(0.1)
     tiny = replace(sure, fitted=0.2, before=0.004)  # 0.08 % of the friction force
     assert unknown_cause_probability(0.1, [tiny], one_set(sure)) == pytest.approx(0.1)
+
+
+def test_a_form_that_stands_for_more_than_a_specimens_usual_difference_is_left_unexplained():
+    form = replace(PLACE, name="normal_force_free")
+    small, large = replace(form, gap=0.9 * LEAST_GAP), replace(form, gap=1.1 * LEAST_GAP)
+    assert usual_form([small]) == {"normal_force_free"}
+    assert usual_form([large]) == usual_form([replace(small, name="friction_fade")]) == frozenset()
 
 
 def test_the_score_of_a_set():

@@ -8,6 +8,7 @@ import pytest
 from bayes_iwan.campaign.loops.averaging import TRUSTED_BAND
 from bayes_iwan.diagnosis.fits.data import MAINS_HZ, TREND_HARMONICS, gap_data, predicted
 from bayes_iwan.diagnosis.fits.evidence import base_problem
+from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.effects.along_record import ForceDrift, ForceDriftByTest, MainsInterference
 from bayes_iwan.inference.setup.loop_scales import scales_of
 
@@ -243,3 +244,19 @@ def difference(effect, parameter_values, data, kit):
         z[0, at] = problem.prior.parameters[[p.name for p in problem.prior.parameters].index(name)].score(value)
     mean, trend, lines = predicted(data, problem, z)
     return mean[0] - mean[1], trend[0] - trend[1], None if lines is None else lines[0]
+
+
+def test_a_clock_that_nobody_meant_changes_no_residual(kit):
+    """The same rows with a clock that is slower by 100: the base, its speed term too, leaves the same."""
+    rows = []
+    for rate in (1280.0, 12.8):
+        tests = [(f * rate / 1280.0, a) for f, a in TESTS]
+
+        def force(f, a, samples, rate=rate):
+            return kit.specimen_force(f * 1280.0 / rate, a, samples)
+
+        data = gap_data(kit.made_up(force, tests, noise_N=0.02, cycles=20, rate=rate).loops(**kit.small))
+        problem = base_problem(data, kit.settings, scales_of(data.loops))
+        z = 0.3 * np.random.default_rng(0).standard_normal((3, problem.ndim))
+        rows.append(Rows(data, problem).residual(z))
+    np.testing.assert_allclose(*rows, rtol=1e-9, atol=1e-9 * np.abs(rows[0]).max())

@@ -16,7 +16,7 @@ from bayes_iwan.diagnosis.answer.wording import strength
 from bayes_iwan.diagnosis.assessment.budget import Kind
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
-from bayes_iwan.diagnosis.diagnosis import BASES, _parameters, diagnose_loops
+from bayes_iwan.diagnosis.diagnosis import BASES, _parameters, diagnose_loops, in_cycles
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.evidence import base_problem, fit_model, in_newtons
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
@@ -340,3 +340,12 @@ def test_bases_are_models(kit):
     assert list(BASES) == ["generalized", "no_speed", "classical"]
     terms = [set(iwan_model(kit.scales, parts).names) for parts in BASES.values()]
     assert terms[0] > terms[1] > terms[2]
+
+
+def test_without_a_clock_numbers_are_in_cycles(kit):
+    assert [in_cycles(u) for u in ("s", "s/m", "N/mm", "-", "")] == ["cycles", "cycles/m", "N/mm", "-", ""]
+    found = kit.diagnosed("viscous_damping", "held out")
+    records = tuple(replace(x, record=replace(x.record, clock=False)) for x in found.data.loops)
+    data, rng = SimpleNamespace(loops=records, block_motion=found.data.block_motion), np.random.default_rng(1)
+    said = _parameters(found.fit, data, rng)["viscous_damping"]["c_N_s_mm"]
+    assert (found.parameters["viscous_damping"]["c_N_s_mm"].unit, said.unit) == ("N·s/mm", "N·cycles/mm")

@@ -58,6 +58,14 @@ def test_where_no_test_separates_the_bench_is_named(kit):
     assert plan.expected_log_odds == 0.0 and plan.bench == "do this; or do that"
 
 
+def test_a_test_that_was_run_is_not_proposed(kit):
+    found = kit.diagnosed("channel_delay").search
+    asked = found.data, found.fit({"channel_delay"}), found.base, ("channel_delay", "none")
+    weak = RigLimits(1e-6, None, None)  # the gentlest test that was run is all that remains
+    assert next_test(*asked, ["turn it round", ""], weak).bench == "turn it round"
+    assert "rig" in next_test(*asked, [""], weak).bench
+
+
 def test_a_plan_keeps_to_what_the_rig_can_do(kit):
     found = kit.diagnosed("channel_delay").search
     f, a = [x.frequency_hz for x in found.data.loops], [x.amplitude_mm for x in found.data.loops]
@@ -96,12 +104,16 @@ def test_two_models_that_both_miss_much_promise_less(kit, monkeypatch):
 def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
     """What removes nothing has left the set, but others were fitted beside it."""
     fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("a"): "kept"}
-    place = SimpleNamespace(name="a", moved=0.1, alternatives={"a": 0.0, "c": -2.0})
+    place = SimpleNamespace(name="a", moved=0.1, alternatives={"a": 0.0, "c": -2.0}, odd="")
     search = SimpleNamespace(chosen=("a",), fit=lambda names: fits[frozenset(names)], effects={})
     found = SimpleNamespace(
         search=search, asked=frozenset("ab"), figures=(place,), fits=fits, sets={frozenset("a"): 1.0}
     )
     constants = SimpleNamespace(apart=30.0)
     monkeypatch.setattr(diagnosis, "next_test", lambda data, *asked: asked[:3])
-    verdict, campaign = SimpleNamespace(kind=Kind.EXPLAINED), SimpleNamespace(limits=None)
+    verdict, campaign = SimpleNamespace(kind=Kind.EXPLAINED, one_of=()), SimpleNamespace(limits=None)
     assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))
+    odd = SimpleNamespace(**{**vars(found), "figures": (SimpleNamespace(**{**vars(place), "odd": "it is too slow"}),)})
+    assert diagnosis._next(None, odd, verdict, constants, campaign) is None
+    verdict.one_of = (SimpleNamespace(names=("a", "c")),)
+    assert diagnosis._next(None, odd, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_iwan.diagnosis.assessment.indicators import implausible, of_time, replaced
+from bayes_iwan.diagnosis.assessment import indicators
+from bayes_iwan.diagnosis.assessment.indicators import figures_of, implausible, of_time, replaced
 from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LONGEST_PERIODS
 from bayes_iwan.diagnosis.fits.evidence import base_problem
 from bayes_iwan.effects import catalogue
@@ -34,16 +35,22 @@ def effect_of(kit, name):
     return catalogue.variants()[name][0](kit.scales, ("t0.csv",))
 
 
-def test_a_time_constant_beyond_the_tested_periods_is_none(kit):
-    data, effect = data_of(kit, 8.0, 20.0), effect_of(kit, "channel_delay")
-    near = implausible(effect, fit_with(kit, data, effect, delay_s=2e-4), data)
-    assert near == ""
+@pytest.mark.parametrize(
+    ("law", "refused"), [("channel_delay", True), ("normal_force_lag", True), ("spring_softening", False)]
+)
+def test_a_time_constant_beyond_the_tested_periods_is_none(kit, law, refused):
+    """Also of a lag with a transient along the record; softening may take as long as it wants."""
+    laws = catalogue.variants()[law]
+    effect = next(e for e in (k(kit.scales, ("t0.csv",)) for k in laws) if e.evolving or law == "channel_delay")
     slow = SimpleNamespace(loops=[SimpleNamespace(frequency_hz=8.0), SimpleNamespace(frequency_hz=20.0)])
-    late = fit_with(kit, data, effect, delay_s=2e-4)
-    long_s = {p.name: np.array([1.1 * LONGEST_PERIODS / 8.0]) for p in effect.parameters}
-    prior = SimpleNamespace(values=lambda z: long_s)
-    late.problem = SimpleNamespace(names=late.problem.names, prior=prior)
-    assert "longer than" in implausible(effect, late, slow)
+    names = tuple(p.name for p in effect.parameters)
+    for periods, beyond in ((0.1, False), (1.1 * LONGEST_PERIODS, True)):
+        values = {n: np.array([periods / 8.0]) for n in names}
+        fit = SimpleNamespace(
+            z=np.zeros(len(names)),
+            problem=SimpleNamespace(names=names, prior=SimpleNamespace(values=lambda z, v=values: v)),
+        )
+        assert ("longer than" in implausible(effect, fit, slow)) == (beyond and refused)
 
 
 def test_an_effect_of_time_needs_frequencies_that_differ(kit):
@@ -60,6 +67,15 @@ def test_a_number_far_from_its_prior_is_not_plausible(kit):
     assert implausible(effect, fit, data) == ""
     fit.z[fit.problem.names.index("end_stop.exponent")] = LARGEST_SCORE + 0.1
     assert "exponent" in implausible(effect, fit, data)
+
+
+def test_numbers_must_be_plausible_where_they_and_where_shares_are_from(kit, monkeypatch):
+    found = kit.diagnosed("channel_delay").found
+    best, nearest = found.models.fits[found.asked], found.models.nearest[found.asked]
+    for odd in (best, nearest):
+        monkeypatch.setattr(indicators, "implausible", lambda effect, fit, data, odd=odd: "odd" if fit is odd else "")
+        figures = figures_of(found.search, found.models.sizes, nearest, found.held_out)
+        assert figures and all(f.odd == "odd" for f in figures)
 
 
 @pytest.mark.parametrize(("without", "beside", "why"), [(4.5, 1.0, "k1_N_mm"), (4.5, 4.2, ""), (2.0, 0.0, "")])

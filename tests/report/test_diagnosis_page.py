@@ -206,13 +206,16 @@ def test_a_rest_without_a_name_is_said_with_where_it_sits(tmp_path, found):
     assert "(probability 0.80 that it has a cause of its own)" in text
 
 
-@pytest.mark.parametrize("kind, mark", [("none", "good"), ("unknown", "warning")])
-def test_page_without_a_named_cause(tmp_path, found, nothing, kind, mark):
+@pytest.mark.parametrize(
+    "kind, mark, following",
+    [("none", "good", "No further test is needed."), ("unknown", "warning", "No known effect is left for a test")],
+)
+def test_page_without_a_named_cause(tmp_path, found, nothing, kind, mark, following):
     d = replace(nothing, edges=(), imitations=()) if kind == "none" else answer(found, kind)
     d = replace(d, next_test=None)
     assert d.verdict.kind == kind
     text, parts = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
-    assert parts.open == [] and "No effect is named" in text and "No further test would separate" in text
+    assert parts.open == [] and "No effect is named" in text and following in text
     assert re.search(r'<p class="(good|note|warning)">', text)[1] == mark
     assert rows_of(text, "The gap as a sum") is None and "No effect is named." in text
     assert "nan" not in re.findall(r"\w+", text) and "None," not in text
@@ -241,7 +244,7 @@ def test_a_bench_advice_comes_before_a_test_that_would_not_help(tmp_path, found)
     bench = "one common signal into both channels"
     d = replace(found, next_test=NextTest(40.0, 1.0, 20, ("viscous_damping", "channel_delay"), 0.4, bench))
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
-    assert text.index("one common signal") < text.index("No loop test separates")
+    assert text.index("One common signal") < text.index("No loop test that this rig can run separates")
 
 
 def test_unknown_numbers_read_as_a_dash(tmp_path, found):

@@ -247,7 +247,10 @@ def _stretches(loop: Loop, name: str, values: Array, height: float) -> list[str]
     table[:, np.isnan(table).all(axis=0)] = 0.0  # phases that no cycle has a sample of
     off = np.abs(table - np.nanmedian(table, axis=0))
     scale = 1.4826 * np.maximum(np.nanmedian(off, axis=0), np.nanmedian(off))
-    bad = (off > np.maximum(OFF * height, SIGMAS * scale)).ravel()[cell]
+    # a recorder of coarse steps stays on one of them, and then is off by no more than that step
+    steps = np.diff(np.unique(values[index]))
+    step = float(np.median(steps)) if steps.size else 0.0
+    bad = (off > np.maximum(max(OFF * height, step), SIGMAS * scale)).ravel()[cell]
     if not bad.any():
         return []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(int), [0]])))

@@ -108,8 +108,8 @@ class Imitation:
 
     @property
     def said(self) -> bool:
-        """Is it more than the base's own freedom, which these tests tell from all others?"""
-        return self.tied != (self.name,)
+        """Do these tests leave several open? Of a single effect the verdict says what there is to say."""
+        return len(self.tied) > 1
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,8 @@ SMALLER = 0.5
 FORCE_MARGIN = 1.02
 #: tests whose frequencies and amplitudes differ by less than this share are the same
 SAME_TEST = 0.05
+#: what helps where no loop test that this rig can run does, and the effects name no action at the bench
+BENCH = "a rig with more force, stroke or speed"
 #: harmonics that a planned test is assessed by
 PLANNED_HARMONICS = 9
 
@@ -116,8 +118,11 @@ def next_test(
     data: GapData, a: Fit, b: Fit, names: tuple[str, str], bench: Sequence[str], limits: RigLimits
 ) -> NextTest:
     """Search frequencies and amplitudes that the rig can run for the test where two fitted models differ most, as
-    either knows its own parameters by now. Both may be wrong there by what the better one misses here."""
-    plan = not_run(plans_of(data, a, limits), data)
+    either knows its own parameters by now. Both may be wrong there by what the better one misses here. Where none is
+    left that was not run, only the bench helps."""
+    plans = plans_of(data, a, limits)
+    new = not_run(plans, data)
+    plan = new or plans
     frequency, amplitude = np.array(plan).T
     motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=96)
 
@@ -149,13 +154,13 @@ def next_test(
         odds[i] = 0.5 * d[i] @ np.linalg.solve(cov, d[i])
     best = int(np.argmax(odds))
     cycles = max(int(np.median([x.n_cycles for x in data.loops])), 20)
-    action = "" if odds[best] >= LEAST_NATS else "; or ".join(dict.fromkeys(x for x in bench if x))
+    promises = bool(new) and odds[best] >= LEAST_NATS
+    action = "" if promises else "; or ".join(dict.fromkeys(x for x in bench if x)) or BENCH
     at = float(f"{plan[best][0]:.3g}") if data.loops[0].record.clock else None
     return NextTest(at, float(f"{plan[best][1]:.3g}"), cycles, names, float(odds[best]), action)
 
 
 def not_run(plans: Sequence[tuple[float, float]], data: GapData) -> list[tuple[float, float]]:
-    """Those of the planned tests that are not in the campaign; all where every one is."""
+    """Those of the planned tests that are not in the campaign."""
     run = np.log([(x.frequency_hz, x.amplitude_mm) for x in data.loops])
-    new = [p for p in plans if np.min(np.max(np.abs(np.log(p) - run), axis=1)) > SAME_TEST]
-    return new or list(plans)
+    return [p for p in plans if np.min(np.max(np.abs(np.log(p) - run), axis=1)) > SAME_TEST]

@@ -8,6 +8,7 @@ from bayes_iwan.diagnosis.answer.wording import (
     capital,
     few,
     force,
+    interval,
     listed,
     odds,
     percent,
@@ -18,6 +19,8 @@ from bayes_iwan.diagnosis.answer.wording import (
     title,
 )
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
+from bayes_iwan.diagnosis.constants import LEAST_GAP
+from bayes_iwan.diagnosis.fits.gap_size import Gap
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
 
 #: probability above which an effect that is not named is listed, and above which the text must name it
@@ -48,7 +51,7 @@ def sentences(d: Diagnosis) -> list[str]:
     tests cannot tell, and the next test."""
     out = [_size(d), *_clipped(d), *_kind(d), *(_cause(c, d) for c in d.verdict.causes), *_one_of(d)]
     out += [*_probable(d, " ".join(out)), *_suspects(d), *_imitations(d), _unexplained(d), *_resembles(d)]
-    out += [*_edges(d), *_no_clock(d), *_not_tested(d), *_not_converged(d), _next(d)]
+    out += [*_edges(d), *_no_clock(d), *_not_tested(d), *_not_converged(d), next_sentence(d)]
     return out
 
 
@@ -60,23 +63,29 @@ def colour(d: Diagnosis) -> str:
     contradicted = kind is Kind.NONE and d.verdict.probabilities["none"] < MUST_NAME
     untested = kind is not Kind.NONE and not parted(d.data)
     tied = any(x.said for x in d.imitations) or any(c.tied_with for c in d.verdict.causes)
-    return "note" if contradicted or untested or tied or d.edges or not d.campaign.clock else "good"
+    hidden = _half_frequency(d) or d.edges or not d.campaign.clock
+    return "note" if contradicted or untested or tied or hidden else "good"
 
 
 def _size(d: Diagnosis) -> str:
     gap = d.budget.before
     if gap.low_N <= 0.0:
-        return (
-            f"The model misses nothing beyond noise: at most {force(gap.high_N)} RMS, {percent(gap.share_high)} of the "
-            f"friction force (noise {force(gap.noise_N)})."
-        )
-    text = f"The model misses {force(gap.rms_N)} RMS ({force(gap.low_N)} to {force(gap.high_N)}), "
-    text += f"{percent(gap.share)} of the friction force (noise {force(gap.noise_N)})"
+        return f"The model misses nothing beyond noise{_at_most(gap)} (noise {force(gap.noise_N)})."
+    ends = interval((gap.low_N, gap.high_N), force)
+    ends = "" if ends == interval([gap.rms_N] * 2, force) else f" ({ends})"
+    text = f"The model misses {force(gap.rms_N)} RMS{ends}, {percent(gap.share)} of the friction force "
+    text += f"(noise {force(gap.noise_N)})"
     if d.before.along.rms_N > 0.5 * gap.rms_N:
         text += f"; of that {force(d.before.along.rms_N)} change along the records"
     if gap.share > NO_MODEL:
         text += ". That is nearly all of it: the base model does not describe this specimen"
     return text + "."
+
+
+def _at_most(gap: Gap) -> str:
+    """The upper end of what noise hides, where that is anything."""
+    share = percent(gap.share_high)
+    return "" if share == percent(0.0) else f": at most {force(gap.high_N)} RMS, {share} of the friction force"
 
 
 def _clipped(d: Diagnosis) -> list[str]:
@@ -112,11 +121,13 @@ def _kind(d: Diagnosis) -> list[str]:
         tail = f" {capital(few(others, 'and'))} cannot be excluded." if others else ""
         return [*out, f"No effect outside the model is needed (probability {probability(none)}).{tail}"]
     if v.kind is Kind.NONE:
-        some = f": {few(others)}" if others else ""
+        named = [(title(n), v.probabilities[n]) for n in others[:MOST_NAMES]]
+        named += [("a cause without a name", v.probabilities["unknown"])]
+        some = ", ".join(f"{name} ({probability(p)})" for name, p in named if p >= LISTED)
         return [
             *out,
-            f"No effect is named. One probably contributes (probability {probability(1.0 - none)}){some}. These tests "
-            "do not tell which.",
+            f"No effect is named, though something probably contributes (probability {probability(1.0 - none)}): "
+            f"{some}. These tests do not tell what.",
         ]
     if v.one_of:
         return out
@@ -190,7 +201,7 @@ def _probable(d: Diagnosis, text: str) -> list[str]:
     if not left:
         return []
     some = ", ".join(f"{title(n)} ({probability(d.verdict.probabilities[n])})" for n in left)
-    return [f"Probable but not named, for what it removes of the gap is too little or too uncertain: {some}."]
+    return [f"More probable than not, though not enough to be named: {some}."]
 
 
 def _suspects(d: Diagnosis) -> list[str]:
@@ -201,7 +212,7 @@ def _suspects(d: Diagnosis) -> list[str]:
     which = ", ".join(f"{title(x.name)} (by {percent(x.share)})" for x in some[:MOST_NAMES])
     more = f" and {len(some) - MOST_NAMES} more" if len(some) > MOST_NAMES else ""
     if parted(d.data):
-        return [f"Each of these would reduce the gap, but the shape of the residual does not match: {which}{more}."]
+        return [f"Each of these would reduce the gap, but its fit or its numbers speak against it: {which}{more}."]
     return [f"Each of these would reduce the gap, but tests that are all alike show no cause: {which}{more}."]
 
 
@@ -221,13 +232,11 @@ def _imitation(x: Imitation, d: Diagnosis) -> str:
     # the list is cut, and the base's own freedom is the point
     own_second = sorted(x.tied[1:], key=lambda n: n != x.name)
     text = f"{capital(x.what)}: {few([x.tied[0], *own_second])}."
-    if len(x.tied) == 1:  # an effect, which these tests tell from what the base has
-        text += f" With it the model would miss {left} of the friction force, with {title(x.name)} instead "
-        text += percent(share[x.name])
-        text += f", with neither {percent(x.without)}." if x.without > share[x.name] else "."
-    else:
-        text += f" The evidence is for {listed(named)}." if named else " These tests do not tell which."
-        text += f" With one of them the model would miss {left} of the friction force, with none {percent(x.without)}."
+    text += f" The evidence is for {listed(named)}." if named else " These tests do not tell which."
+    text += f" With one of them the model would miss {left} of the friction force"
+    own, none = percent(share[x.name]), percent(x.without)
+    text += f", with {title(x.name)} instead {own}" if x.name not in x.tied and own != none else ""
+    text += f", with none {none}."
     if x.what == "speed dependence" and not _frequencies_differ(d):
         text += " The tests' frequencies hardly differ, so a dependence on amplitude would look alike."
     return text
@@ -244,13 +253,17 @@ def _unexplained(d: Diagnosis) -> str:
     unexplained, after = d.budget.unexplained, d.budget.after
     kind = d.verdict.kind
     share = percent(1.0 if not d.verdict.causes else unexplained.share.value)
+    if after.low_N <= 0.0 and not d.verdict.unknown_cause:
+        return f"Unexplained: nothing beyond noise{_at_most(after)}."
     size = f"{share} of the gap, {force(after.rms_N)}, {percent(after.share)} of the friction force"
     if d.verdict.one_of and not d.verdict.causes:
         size += ", since nothing is named"
     if kind is Kind.EXPLAINED:
         return f"Unexplained: {size}. A law that is slightly off leaves as much."
-    if kind is Kind.NONE:
+    if kind is Kind.NONE and after.share <= LEAST_GAP:
         return f"Unexplained: {size}. A sound specimen differs from the model by as much."
+    if kind is Kind.NONE:
+        return f"Unexplained: {size}. Another form of the base model would leave less."
     if kind is Kind.DRIVE:
         return f"Unexplained: {size}. It may be the channels' or the specimen's."
     return f"Unexplained: {size} (probability {probability(unexplained.probability)} that it has a cause of its own)."
@@ -262,9 +275,16 @@ def _resembles(d: Diagnosis) -> list[str]:
     physics = physics_of_pattern(unexplained.resembles) if d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN) else None
     if physics:
         out.append(f"It resembles this most: {physics.rstrip('.')}.")
-    if unexplained.subharmonic > SUBHARMONIC_SAID and d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN):
-        out.append("Every second cycle differs: the records hold a line at half the test frequency.")
+    if _half_frequency(d):
+        out.append(
+            "Every second cycle differs: the records hold a line at half the test frequency, which averaged loops hide."
+        )
     return out
+
+
+def _half_frequency(d: Diagnosis) -> bool:
+    """Do the records hold a line at half the test frequency, whatever the averaged loops show?"""
+    return d.budget.unexplained.subharmonic > SUBHARMONIC_SAID and d.verdict.kind is not Kind.DRIVE
 
 
 def _edges(d: Diagnosis) -> list[str]:
@@ -310,17 +330,22 @@ def _not_converged(d: Diagnosis) -> list[str]:
     ]
 
 
-def _next(d: Diagnosis) -> str:
+def next_sentence(d: Diagnosis) -> str:
+    """What to do next."""
     if d.verdict.kind is Kind.DRIVE:
         return "Next: run these tests again with sines."
     following = d.next_test
     if following is None and d.verdict.kind is not Kind.NONE and not parted(d.data):
         return "Next: record other amplitudes" + (" and frequencies." if d.campaign.clock else ".")
+    if following is None and d.verdict.kind is Kind.NONE and d.verdict.probabilities["none"] >= MUST_NAME:
+        return "Next: no further test is needed."
+    if following is None and not d.verdict.causes and not d.verdict.one_of:
+        return "Next: no known effect is left for a test to separate; where the gap sits leads to its cause."
     if following is None:
-        return "No further test would separate these effects better."
+        return "Next: no further test would separate these effects better."
     pair = listed(following.separates)
     if following.bench:
-        return f"Next, at the bench: {following.bench}. No loop test would separate {pair} well."
+        return f"Next: {following.bench}. No one test that this rig can run would separate {pair} well."
     return f"Next: run {planned(following)}. It separates {pair} (expected odds {odds(following.expected_log_odds)})."
 
 

@@ -118,7 +118,10 @@ def figures_of(
                 before=before / level,
                 tests=data.tests,
                 along=share_along,
-                odd=implausible(effect, whole_in_newtons, data) or replaced(search.fit(less), best),
+                # numbers are reported from the one fit, shares from the other
+                odd=implausible(effect, best, data)
+                or implausible(effect, whole_in_newtons, data)
+                or replaced(search.fit(less), best),
             )
         )
     return tuple(out)
@@ -162,8 +165,9 @@ def _mean(values: Sequence[float]) -> float:
 def implausible(effect: Effect, fit: Fit, data: GapData) -> str:
     """Why the fitted numbers of an effect are not plausible, "" where they are.
 
-    A time constant must lie where the tested periods can tell it, and an effect of time in a channel needs frequencies
-    that differ; every number must be within what its prior holds possible.
+    A time constant must lie where the tested periods can tell it (how long a change along the record takes is not
+    meant), and an effect of time in a channel needs frequencies that differ; every number must be within what its prior
+    holds possible.
     """
     values = fit.problem.prior.values(fit.z[None])
     hz = np.array([x.frequency_hz for x in data.loops])
@@ -175,7 +179,7 @@ def implausible(effect: Effect, fit: Fit, data: GapData) -> str:
         value = float(values[p.name][0])
         if p.name != effect.strength_name and abs(z) > LARGEST_SCORE:
             return f"{short} of {value:.3g} {p.unit} is beyond what is possible"
-        if p.unit == "s" and not effect.evolving:
+        if p.unit == "s" and (p.name == effect.strength_name or not effect.evolving):
             period_s = 1.0 / hz.min()
             if abs(value) > LONGEST_PERIODS * period_s:
                 return f"{short} of {value:.3g} s is longer than {LONGEST_PERIODS:g} of the tested periods"

@@ -99,10 +99,15 @@ def unknown_cause_probability(by_size: float, given: Iterable[Figures], sets: Se
     return min(1.0 - none, SUREST)
 
 
+def usual_form(given: Iterable[Figures]) -> frozenset[str]:
+    """Model-form effects of the best set that are a specimen's usual difference from the model and so not left
+    unexplained. One that stands for more is named, or what it removes has another cause."""
+    return frozenset(f.name for f in given if f.name in MODEL_FORM and f.gap < LEAST_GAP)
+
+
 def unknown_cause(found: Weighed, named: Sequence[str], c: Calibration) -> float:
-    """Probability that what is left beside the named effects has a cause of its own. Model-form effects are
-    a specimen's usual difference from the model and not left."""
-    beside = frozenset(named) | (found.asked & MODEL_FORM)
+    """Probability that what is left beside the named effects has a cause of its own."""
+    beside = frozenset(named) | usual_form(found.figures)
     found.models.find([beside])
     left = found.models.sizes[beside].all.resolved_share
     return unknown_cause_probability(c.unknown_cause(left), found.figures, found.sets)

@@ -194,6 +194,10 @@ class CannotTell(DiagnosedSection):
         return self.r.found.next_test
 
     @property
+    def nothing_to_run(self) -> str:
+        return sentences.next_sentence(self.r.found).removeprefix("Next: ").capitalize()
+
+    @property
     def pair(self) -> str:
         return " from ".join(title(x) for x in self.following.separates)
 
