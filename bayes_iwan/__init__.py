@@ -12,7 +12,6 @@ In a notebook (each command line's answer is an object here):
 
 import difflib
 import importlib
-from typing import Any
 
 import lazy_loader
 
@@ -23,7 +22,7 @@ _named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in __all__:
         near = difflib.get_close_matches(name, __all__, 1)
         raise AttributeError(

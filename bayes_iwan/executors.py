@@ -223,7 +223,7 @@ def _elsewhere(
     pieces: Mapping[Name, Piece],
     work: Callable[[Shared, Piece], Result],
     shared: Shared,
-    there: Any,
+    there: object,
 ) -> Iterator[tuple[Name, Result | Failure]]:
     """Name and result of every piece as they come; `there` stands for `shared` in the calls."""
     waiting = {executor.submit(_piece, there, work, piece): name for name, piece in pieces.items()}
@@ -252,7 +252,7 @@ def _result(future: Future) -> Any:
         return Failure(type(error).__name__, str(error))
 
 
-def _piece(shared: Any, work: Callable[[Any, Any], Any], piece: Any) -> Any:
+def _piece(shared: object, work: Callable[[Any, Any], object], piece: object) -> Any:
     """One piece, on one thread, where it runs; its exception as a Failure, for some exceptions cannot travel."""
     value = _here[shared.key] if isinstance(shared, _Sent) else shared
     with serial():
@@ -262,7 +262,7 @@ def _piece(shared: Any, work: Callable[[Any, Any], Any], piece: Any) -> Any:
             return Failure(type(error).__name__, str(error), traceback.format_exc())
 
 
-def _sent(executor: Executor, shared: Any) -> Any:
+def _sent(executor: Executor, shared: object) -> object:
     """What stands for `shared` in a call: the thing itself, or a ticket for what every process is given once."""
     if isinstance(executor, Processes):
         return executor.send(shared)
@@ -279,7 +279,7 @@ class _Sent:
 
 
 #: what this process was sent ahead of its pieces; the latest only, and only ever in a spawned process
-_here: dict[int, Any] = {}
+_here: dict[int, object] = {}
 
 
 def _receive(key: int, packed: bytes) -> None:
@@ -287,7 +287,7 @@ def _receive(key: int, packed: bytes) -> None:
     _here[key] = ForkingPickler.loads(packed)
 
 
-def _unpacked(packed: bytes) -> Any:
+def _unpacked(packed: bytes) -> object:
     fn, args, kwargs = ForkingPickler.loads(packed)
     return fn(*args, **kwargs)
 
@@ -311,7 +311,7 @@ def _ready() -> None:
     """Nothing: whoever can call it has imported the package."""
 
 
-def _packed(value: Any) -> bytes | Exception:
+def _packed(value: object) -> bytes | Exception:
     """As it travels to a process of ours, packed as the pool would, or why it cannot, which whoever waits learns."""
     try:
         return bytes(ForkingPickler.dumps(value))
@@ -351,16 +351,16 @@ class Processes(ThreadPoolExecutor):
         for _ in range(count if at_once else 0):  # they import what they need while this process prepares their pieces
             self.submit(_ready)
 
-    def send(self, value: Any) -> _Sent:
+    def send(self, value: object) -> _Sent:
         """A ticket that stands for `value` in calls; the value goes to each process once."""
         self._values.append(_packed(value))
         return _Sent(len(self._values) - 1)
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
+    def submit(self, fn: Callable[..., object], /, *args: object, **kwargs: object) -> Future:
         tickets = [a for a in args if isinstance(a, _Sent)]
         return super().submit(self._in_process, _packed((fn, args, kwargs)), tickets)
 
-    def _in_process(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> Any:
+    def _in_process(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> object:
         try:
             return self._try(packed, tickets)
         except BrokenExecutor:
@@ -368,7 +368,7 @@ class Processes(ThreadPoolExecutor):
                 raise
             return self._try(packed, tickets)
 
-    def _try(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> Any:
+    def _try(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> object:
         slot = self._slot
         if slot.pool is None:
             slot.pool = ProcessPoolExecutor(1, self._context, initializer=_begin, initargs=(self._read, self._needs))
@@ -392,7 +392,7 @@ class Processes(ThreadPoolExecutor):
         self._write.close()
         self._read.close()
 
-    def __exit__(self, kind: type[BaseException] | None, *others: Any) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *others: object) -> None:
         if kind is not None:
             self._write.close()  # ends every process at once: pieces keep what they need to go on in files
         self.shutdown(cancel_futures=kind is not None)

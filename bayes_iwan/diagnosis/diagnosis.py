@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm.auto import tqdm
@@ -380,6 +379,6 @@ def diagnose_campaign(
         bar.close()
 
 
-def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, Any]:
+def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, object]:
     """Diagnose and write `diagnosis.json` and `fits.json` only: what the withheld protocol asks for."""
     return write_answer(diagnose_campaign(campaign, seed=seed, quick=quick), Path(out))

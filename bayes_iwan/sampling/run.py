@@ -163,7 +163,7 @@ class EnsembleRun:
         self.blocks += 1
         return out
 
-    def pilot(self, bar: tqdm[Any]) -> None:
+    def pilot(self, bar: tqdm[object]) -> None:
         """Bring the walkers to the posterior and choose their moves."""
         which = np.arange(self.n_ensembles)[:, None] + self.n_ensembles * np.arange(WALKERS)
         self._place(self._starts[which.ravel() % len(self._starts)])

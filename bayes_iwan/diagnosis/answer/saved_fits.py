@@ -74,7 +74,7 @@ class SavedFits:
     fits: Mapping[frozenset[str], SavedFit]
 
 
-def _plain(fit: Fit) -> dict[str, Any]:
+def _plain(fit: Fit) -> dict[str, object]:
     """A fit as JSON holds it."""
     return {
         "effects": [

@@ -2,7 +2,6 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
 from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
@@ -38,7 +37,7 @@ _LIKELIHOOD = {
 class Loops(IdentifiedSection):
     heading, draw = "Loops, measured and predicted", loops
 
-    def viewer(self) -> dict[str, Any]:
+    def viewer(self) -> dict[str, object]:
         return viewer_data(self.r.predictive)
 
 
