@@ -168,7 +168,7 @@ def offered_effects(
 ) -> dict[str, tuple[catalogue.Maker, ...]]:
     """What makes the effects on offer, by name."""
     conditions = conditions_of([x.extras for x in data.loops])
-    return catalogue.variants(extra, base, conditions, form=True) | {k.name: (k,) for k in catalogue.unlisted(base)}
+    return catalogue.variants(extra, base, conditions) | {k.name: (k,) for k in catalogue.unlisted(base)}
 
 
 def _clocked(some: Sequence[catalogue.Maker]) -> bool:

@@ -140,7 +140,7 @@ def read(path: Path) -> ExportedModel:
 
 
 def _effects(stored: Sequence[Mapping[str, object]], scales: Scales, model: Model) -> tuple[Effect, ...]:
-    kinds = [k for some in catalogue.variants((), model, form=True).values() for k in some]
+    kinds = [k for some in catalogue.variants((), model).values() for k in some]
     classes = {k.__name__: k for k in (*kinds, *conditions.EFFECTS) if isinstance(k, type)}
     out = []
     for e in map(former_names.effect_of, stored):

@@ -281,7 +281,6 @@ class EnsembleRun:
         if stop is Stop.INTERRUPTED and len(z) >= 8:
             result = self.convergence(z, other)
             short = plan.shortfall(result, taus)
-        moved = np.any(np.diff(z, axis=0) != 0.0, axis=2) if len(z) > 1 else np.zeros(1)
         return Chains(
             names=plan.names,
             quantity_names=plan.quantity_names,
@@ -289,7 +288,6 @@ class EnsembleRun:
             log_prob=self.by_ensemble(log_prob),
             quantities=self.by_ensemble(other),
             n_steps=steps,
-            acceptance=float(np.mean(moved)),
             convergence=result,
             converged=not short,
             message=said if not short else f"not converged: {said}; {short}",
