@@ -363,6 +363,17 @@ def test_quick_draws_lie_along_the_posterior_and_have_no_chains(run):
         assert abs(np.mean(near[name]) - np.mean(full[name])) < 0.3 * sd, name
         assert np.std(near[name]) == pytest.approx(sd, rel=0.25), name
     assert quick.residual_size().share == pytest.approx(run[0].residual_size().share, rel=0.02)
+    assert quick.z.shape == (4, 500, problem.ndim) and quick.log_prob.shape == (4, 500)
+
+
+def test_every_draw_that_is_kept_stands_beside_its_density(run):
+    """Of the sampler and of the approximation, and as many as were asked for, about."""
+    sampled = run[0]
+    for posterior in (sampled, identify_problem(sampled.problem, 1, config=SMALL, progress=False, quick=True)):
+        flat = posterior.problem.log_prob(posterior.z.reshape(-1, posterior.ndim))
+        np.testing.assert_allclose(posterior.log_prob.ravel(), flat, rtol=1e-9)
+    ensembles, kept, _ = sampled.z.shape
+    assert ensembles == 2 and kept % sampled.walkers == 0 and 0.5 * 1000 < ensembles * kept < 2.0 * 1000
 
 
 def test_intervals_are_quantiles_of_the_draws(run):
