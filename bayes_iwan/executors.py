@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar, cast
 
 import numba as nb
 from tqdm.auto import tqdm
@@ -151,7 +151,7 @@ def finished(
     bar = tqdm(total=len(pieces), desc=what or None, unit=unit, disable=None if progress else True)
     with opened(workers) as executor, bar:
         if executor is None:
-            some: Iterator[tuple[str, Any]] = ((name, _piece(shared, work, x)) for name, x in pieces.items())
+            some: Iterator[tuple[str, Result | Failure]] = ((n, _piece(shared, work, x)) for n, x in pieces.items())
         else:
             some = _elsewhere(executor, pieces, work, shared, _sent(executor, shared))
         for name, result in some:
@@ -227,7 +227,7 @@ def _elsewhere(
 ) -> Iterator[tuple[Name, Result | Failure]]:
     """Name and result of every piece as they come; `there` stands for `shared` in the calls."""
     waiting = {executor.submit(_piece, there, work, piece): name for name, piece in pieces.items()}
-    again: dict[Future, Name] = {}
+    again: dict[Future[Result | Failure], Name] = {}
     try:
         for future in as_completed(waiting):
             name = waiting[future]
@@ -242,7 +242,7 @@ def _elsewhere(
             future.cancel()
 
 
-def _result(future: Future) -> Any:
+def _result(future: Future[Result | Failure]) -> Result | Failure:
     try:
         return future.result()
     except BrokenExecutor:
@@ -252,9 +252,9 @@ def _result(future: Future) -> Any:
         return Failure(type(error).__name__, str(error))
 
 
-def _piece(shared: object, work: Callable[[Any, Any], object], piece: object) -> Any:
+def _piece(shared: object, work: Callable[[Shared, Piece], Result], piece: Piece) -> Result | Failure:
     """One piece, on one thread, where it runs; its exception as a Failure, for some exceptions cannot travel."""
-    value = _here[shared.key] if isinstance(shared, _Sent) else shared
+    value = cast("Shared", _here[shared.key] if isinstance(shared, _Sent) else shared)
     with serial():
         try:
             return work(value, piece)
@@ -356,9 +356,10 @@ class Processes(ThreadPoolExecutor):
         self._values.append(_packed(value))
         return _Sent(len(self._values) - 1)
 
-    def submit(self, fn: Callable[..., object], /, *args: object, **kwargs: object) -> Future:
+    def submit(self, fn: Callable[..., Result], /, *args: object, **kwargs: object) -> Future[Result]:
         tickets = [a for a in args if isinstance(a, _Sent)]
-        return super().submit(self._in_process, _packed((fn, args, kwargs)), tickets)
+        future = super().submit(self._in_process, _packed((fn, args, kwargs)), tickets)
+        return cast("Future[Result]", future)  # what the other process sends back
 
     def _in_process(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> object:
         try:
