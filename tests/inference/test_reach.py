@@ -41,11 +41,11 @@ def test_reach_is_what_amplitudes_and_band_allow(simple):
 
 def test_smaller_amplitudes_reach_smaller_slip_forces(known):
     some = make_problem([x for x in known.loops() if x.amplitude_mm < 0.8], SIMPLE)
-    reach = reach_of(some, at(some, 14.0))
+    reach = reach_of(some, at(some, 3.0))
     largest = max(x.amplitude_mm for x in some.loops)
     assert largest < 0.7 and reach.amplitudes_mm[1] == largest
-    assert reach.highest_N == pytest.approx(14.0 * largest, rel=1e-3)
-    assert reach.never_slip == pytest.approx(stats.gamma(ETA, scale=MEAN_N / ETA).sf(14.0 * largest), rel=0.02)
+    assert reach.highest_N == pytest.approx(3.0 * largest, rel=1e-3)
+    assert reach.never_slip == pytest.approx(stats.gamma(ETA, scale=MEAN_N / ETA).sf(3.0 * largest), rel=0.02)
 
 
 @pytest.mark.parametrize("k1_N_mm", [1.5, 14.0])
