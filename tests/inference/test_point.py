@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
-from bayes_iwan.inference.setup.loop_error import friction_level_N
+from bayes_iwan.inference.setup.loop_error import friction_level_N, paper_weights
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.inference.solving.point import goal_share, joint_rows, laplace_scale, near_optima
+from bayes_iwan.inference.solving.point import (
+    _goal_rows,
+    goal_share,
+    joint_rows,
+    laplace_scale,
+    near_optima,
+)
 
 SIMPLE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
 
@@ -38,6 +44,16 @@ def test_the_goal_as_a_share_of_the_friction_force(simple):
     met = simple.with_force(simple.predict(z)[0])
     off = simple.with_force(simple.predict(z)[0] + 0.05 * friction_level_N(met.loops)[:, None])
     assert goal_share(met, z)[0] == pytest.approx(0.0, abs=1e-12) and goal_share(off, z)[0] == pytest.approx(0.05)
+
+
+def test_squared_rows_of_eq_8_grow_as_its_weighted_absolute_residuals(simple):
+    """Each test over its own friction level; rounded off only where a residual is a thousandth of that."""
+    z = 0.5 * np.random.default_rng(5).standard_normal((8, simple.ndim))
+    _, absolute = _goal_rows(simple, np.arange(simple.ndim))
+    motion, level = simple.motion, friction_level_N(simple.loops)[:, None]
+    weight = paper_weights(motion.displacement_mm[0], motion.amplitude_mm) / (motion.amplitude_mm[:, None] * level)
+    ratio = np.sum(absolute(z) ** 2, axis=1) / np.sum(weight * np.abs(simple.residual(z)), axis=(1, 2))
+    assert ratio == pytest.approx(ratio[0], rel=0.01)
 
 
 def test_optima_far_below_the_best_do_not_matter():
