@@ -10,10 +10,11 @@ In a notebook (each command line's answer is an object here):
     bi.plot.loops(posterior, width="column")                # figures; bi.demo() gives data to try all this on
 """
 
-import difflib
 import importlib
 
 import lazy_loader
+
+from bayes_iwan.errors import nearest
 
 __version__ = "0.1.0"
 
@@ -24,10 +25,7 @@ __all__ += ["__version__"]
 
 def __getattr__(name: str) -> object:
     if name not in __all__:
-        near = difflib.get_close_matches(name, __all__, 1)
-        raise AttributeError(
-            f"module {__name__!r} has no attribute {name!r}" + (f"; did you mean {near[0]!r}?" if near else "")
-        )
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}" + nearest(name, __all__))
     if name in ("plot", "Posterior", "Problem", "Diagnosis") or name.endswith(("_loops", "_problem")):
         importlib.import_module("bayes_iwan.api")  # gives results their plots and exports
     return importlib.import_module("bayes_iwan.report.plot") if name == "plot" else _named(name)

@@ -26,7 +26,7 @@ from multiprocessing.reduction import ForkingPickler
 from typing import Generic, TypeVar, cast
 
 import numba as nb
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from bayes_iwan.errors import InputError
 from bayes_iwan.threads import alongside, linear_algebra

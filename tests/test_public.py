@@ -109,6 +109,8 @@ def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
     assert posterior.residual_size().share < 0.03
     with pytest.raises(ValueError, match="there is no test"):
         posterior.plot.loop("nothing.csv")
+    with pytest.raises(ValueError, match="did you mean 'kp_N_mm'"):
+        posterior.interval("kp_N")
     for figure in (posterior.plot.loop("f10_a1.csv"), bi.plot.corner(posterior)):
         assert figure.axes
 

@@ -1,11 +1,11 @@
 """`posterior.plot`: plots as methods of a result, put there by the folder that draws, as xarray's accessors are."""
 
-import difflib
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
 from bayes_iwan.arrays import wrapped
+from bayes_iwan.errors import nearest
 from bayes_iwan.inference.results.posterior import Posterior
 
 if TYPE_CHECKING:
@@ -24,8 +24,7 @@ class PosteriorPlots:
         from bayes_iwan.report import plot  # matplotlib takes a second: not before something is drawn
 
         if name not in plot.OF_POSTERIOR:
-            near = difflib.get_close_matches(name, plot.OF_POSTERIOR, 1)
-            raise AttributeError(f"no plot {name!r}; " + (f"did you mean {near[0]!r}?" if near else repr(self)))
+            raise AttributeError(f"no plot {name!r}" + nearest(name, plot.OF_POSTERIOR, f"; {self!r}"))
         return partial(getattr(plot, name), self._posterior)
 
     def __dir__(self) -> list[str]:

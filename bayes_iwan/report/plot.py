@@ -9,12 +9,10 @@ ax : axes of yours to draw into, an array of them for several panels.
 `bi.plot.save(figure, "loops.svg")` writes SVG, PDF or PNG by the ending, letters as letters.
 """
 
-import difflib
-
 from matplotlib.figure import Figure
 
 from bayes_iwan.diagnosis.answer.result import Diagnosis
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.batch.specimens import Batch
 from bayes_iwan.report.comparison_page import ranking_figure
@@ -54,9 +52,7 @@ def loop(posterior: Posterior, test: str | int = 0, friction: bool = True) -> Fi
     """
     files = [x.file for x in posterior.loops]
     if isinstance(test, str) and test not in files:
-        near = difflib.get_close_matches(test, files, 1)
-        hint = f'did you mean "{near[0]}"? ' if near else ""
-        raise InputError(f'there is no test "{test}"; {hint}there are {", ".join(files)}')
+        raise InputError(f"there is no test {test!r}" + nearest(test, files) + f"; there are {', '.join(files)}")
     if not isinstance(test, str) and not -len(files) <= test < len(files):
         raise InputError(f"there is no test {test}; there are {len(files)}, counted from 0")
     chosen = posterior.loops[files.index(test)] if isinstance(test, str) else posterior.loops[test]

@@ -8,7 +8,6 @@ the second process cannot be had or is lost, this one draws all of them.
 
 import io
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -18,19 +17,19 @@ import weakref
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from multiprocessing.reduction import ForkingPickler
-from pathlib import Path
 from queue import SimpleQueue
 from typing import IO, Any
 
 import matplotlib as mpl
 import numba as nb
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from PIL import Image
 from pypdf import PdfReader, PdfWriter
 
 from bayes_iwan.report.style import DPI, RC, settle
+from bayes_iwan.report.svg import svg
 
 #: of a picture within a page; and PNG files: a little larger than the smallest files, in a third of the time
 COLOURS = 128
@@ -287,70 +286,3 @@ def _fewer_colours(png: io.BytesIO) -> bytes:
     with Image.open(png) as picture:
         picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(out, "png")
     return out.getvalue()
-
-
-# ---- SVG
-
-#: colours that the pages' style names
-KNOWN = frozenset(
-    re.findall(r"--c-(\w{6}):", (Path(__file__).parent / "templates" / "page.css").read_text(encoding="utf-8"))
-)
-CARD = 'class="card" '
-
-
-def svg(figure: Figure, name: str, alt: str) -> Markup:
-    """The figure as an <svg> element whose ids cannot clash with another figure's, coordinates to 0.1 pt.
-
-    Colours that the page's style names become its variables, so that they follow a dark screen; a figure with others
-    (a colour scale) stays as it is, on a white card.
-    """
-    buffer = io.StringIO()
-    with mpl.rc_context({**RC, "svg.hashsalt": name}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
-    text = re.sub(r"<!--.*?-->", "", text, flags=re.S)
-    text = re.sub(r'\bid="', f'id="{name}-', text)
-    text = re.sub(r'href="#', f'href="#{name}-', text)
-    text = re.sub(r"url\(#", f"url(#{name}-", text)
-    text = re.sub(r'(?<= d=")[^"]+', lambda m: _path(m.group(0)), text)
-    text = re.sub(r"(?<=<use )[^>]+", lambda m: _short(m.group(0)), text)
-    used = set(re.findall(r"#([0-9a-f]{6})\b", text))
-    if used <= KNOWN:
-        text = re.sub(r"#([0-9a-f]{6})\b", r"var(--c-\1)", text)
-    head = re.match(r"<svg[^>]*>", text)
-    assert head is not None
-    box = re.search(r'viewBox="[^"]+"', head.group(0))
-    assert box is not None
-    start = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box.group(0)} '
-        f'{"" if used <= KNOWN else CARD}role="img" aria-labelledby="{name}-title">'
-        f'<title id="{name}-title">{escape(alt)}</title>'
-    )
-    return Markup(start + re.sub(r"\n\s*", "\n", text[head.end() :]))
-
-
-def _path(text: str) -> str:
-    """A path whose lines are steps from point to point, half as long; points to 0.1 pt, so that no error adds up."""
-    out, last, at, first = "", "", (0, 0), (0, 0)
-    for command, numbers in re.findall(r"([MLQCz])([^MLQCz]*)", text):
-        tenths = [round(10.0 * float(x)) for x in numbers.split()]
-        if command == "L":
-            step = " ".join(_tenths(x - at[i % 2]) for i, x in enumerate(tenths))
-            out += f" {step}" if last == "L" else f"l{step}"
-        else:
-            out += command + " ".join(map(_tenths, tenths))
-        at = (tenths[-2], tenths[-1]) if tenths else first
-        first = at if command == "M" else first
-        last = command
-    return out.replace(" -", "-")
-
-
-def _tenths(x: int) -> str:
-    whole, part = divmod(abs(x), 10)
-    return ("-" if x < 0 else "") + (f"{whole or ''}.{part}" if part else f"{whole}")
-
-
-def _short(text: str) -> str:
-    return re.sub(r"-?\d+\.\d{2,}", lambda m: f"{float(m.group(0)):.1f}", re.sub(r"\s*\n\s*", " ", text))

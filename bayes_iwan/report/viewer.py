@@ -11,7 +11,8 @@ from bayes_iwan.models.simulator import straight_part
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive, measured_cycles
 
-DRAWS, CYCLES = 16, 8
+#: draws and measured cycles of one test, at most, and of all tests together, but for two of each
+DRAWS, CYCLES, TOGETHER = 16, 8, 160
 #: effects that can be switched: each doubles the loops that a page holds
 MOST = 4
 #: samples of a loop that a screen can show
@@ -28,9 +29,14 @@ def _places(amplitude_mm: float, friction_N: float) -> tuple[int, int]:
     return max(0, far), max(0, near)
 
 
-def _cycles(loop: Loop, zero_N: float, places: tuple[int, int]) -> list[list[list[float]]]:
+def _of_each(most: int, tests: int) -> int:
+    """How many draws or cycles of each test a page holds that `most` are shown of."""
+    return max(2, min(most, TOGETHER // tests))
+
+
+def _cycles(loop: Loop, tests: int, zero_N: float, places: tuple[int, int]) -> list[list[list[float]]]:
     cycles = []
-    for u, force in measured_cycles(loop, CYCLES):
+    for u, force in measured_cycles(loop, _of_each(CYCLES, tests)):
         step = max(1, len(u) // 160)
         cycles.append([rounded(u[::step], places[0]), rounded(force[::step] - zero_N, places[1])])
     return cycles
@@ -42,7 +48,7 @@ def viewer_data(p: Predictive) -> dict[str, object]:
     for t, loop in enumerate(p.loops):
         far, near = _places(loop.amplitude_mm, float(np.ptp(p.measured_N[t] - p.spring_N[t])))
         slope, zero = np.polyfit(p.displacement_mm[t], p.spring_N[t], 1)
-        picked = np.linspace(0, len(p.force_N) - 1, min(DRAWS, len(p.force_N))).astype(int)
+        picked = np.linspace(0, len(p.force_N) - 1, min(_of_each(DRAWS, len(p.loops)), len(p.force_N))).astype(int)
         low, high = (np.quantile(p.force_N[:, t], q, axis=0) for q in ([0.05, 0.25], [0.75, 0.95]))
         bands = [np.quantile(x[:, t], [0.05, 0.25, 0.75, 0.95], axis=0) for x in (p.cycle_N, p.loop_N)]
         tests.append(
@@ -57,7 +63,7 @@ def viewer_data(p: Predictive) -> dict[str, object]:
                 "cycle": [rounded(q, near) for q in bands[0]],
                 "loop": [rounded(q, near) for q in bands[1]],
                 "draws": [rounded(x, near) for x in p.force_N[picked, t]],
-                "cycles": _cycles(loop, float(p.zero_N[t]), (far, near)),
+                "cycles": _cycles(loop, len(p.loops), float(p.zero_N[t]), (far, near)),
             }
         )
     units = p.loops[0].record.units
@@ -115,7 +121,7 @@ def effect_viewer_data(found: Diagnosis) -> dict[str, object]:
                 "zero": float(line[1]),
                 "measured": rounded(force - zero, places[1]),
                 "sets": [rounded(x, places[1]) for x in sets[:, t]],
-                "cycles": _cycles(loop, zero, places),
+                "cycles": _cycles(loop, len(found.data.loops), zero, places),
             }
         )
     units = found.campaign.units

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from emcee.moves import Move, StretchMove
 from numpy.typing import NDArray
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Rounds

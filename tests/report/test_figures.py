@@ -187,3 +187,17 @@ def test_methods_and_citation_are_of_what_was_run(posterior):
     said = " ".join(page.html().split())
     assert "4 harmonic tests at 10 to 20 Hz" in said and "Seed 1;" in said and bi.__version__ in said
     assert "emcee" in bi.cite() and "@software" in bi.cite().bibtex
+
+
+@pytest.mark.parametrize("frequencies, amplitudes", [(1, 3), (5, 8), (1, 30), (13, 1)])
+def test_of_many_tests_a_page_shows_some_from_end_to_end(frequencies, amplitudes):
+    tests = [
+        SimpleNamespace(record=SimpleNamespace(frequency_hz=f, amplitude_mm=a))
+        for a in range(amplitudes, 0, -1)
+        for f in range(frequencies)
+    ]
+    chosen = loops.some_tests(tests)
+    assert len(chosen) == len(set(chosen)) == min(12, len(tests)) and chosen == sorted(chosen)
+    shown = [(tests[t].record.frequency_hz, tests[t].record.amplitude_mm) for t in chosen]
+    assert {(0, 1), (frequencies - 1, amplitudes)} <= set(shown)
+    assert len({f for f, _ in shown}) == min(frequencies, 12)

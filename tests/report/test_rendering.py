@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 import subprocess
 import sys
 
@@ -16,7 +15,7 @@ from pypdf import PdfReader
 
 from bayes_iwan.report import rendering
 from bayes_iwan.report.page import Page
-from bayes_iwan.report.rendering import Order, Renderer, _path
+from bayes_iwan.report.rendering import Order, Renderer
 from bayes_iwan.report.style import subplots
 
 FILES = ("png", "pdf")
@@ -110,14 +109,3 @@ def test_no_label_is_cut_off_in_the_files():
     with Image.open(io.BytesIO(renderer.rendered(order).png)) as picture:
         margin = np.asarray(picture.convert("L"))[:, :4]
     assert (margin == 255).all()
-
-
-def test_a_path_in_steps_leads_through_the_same_points():
-    """To 0.1 pt each, however many steps there are."""
-    points = np.cumsum(np.random.default_rng(3).normal(0.0, 3.0, (400, 2)), axis=0)
-    lines = " ".join(f"{'L' if i else 'M'} {x:.6f} {y:.6f}" for i, (x, y) in enumerate(points))
-    short = _path(f"{lines} z M 1 2 L 3 4 Q 3 5 4 5 L 4 6")
-    first, rest, _ = re.fullmatch(r"M([^l]*)l([^z]*)z(.*)", short).groups()
-    steps = np.array([float(x) for x in re.findall(r"-?[\d.]+", f"{first} {rest}")]).reshape(-1, 2)
-    np.testing.assert_allclose(np.cumsum(steps, axis=0), points, atol=0.0501)
-    assert short.endswith("zM1 2l2 2Q3 5 4 5l0 1") and len(short) < 0.5 * len(lines)

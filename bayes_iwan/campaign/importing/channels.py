@@ -7,27 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_iwan.arrays import brief
+from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.unit_texts import is_ratio, is_volts, role_of
+from bayes_iwan.campaign.importing.unit_texts import is_ratio, is_volts, may_be, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.errors import nearest
 
-#: words of English, German, French, Italian, Spanish and Chinese that begin a word in a channel's name
-WORDS = {
-    "time": r"time|zeit|temps|tempo|tiempo|t|x_value|millis|micros|时间",
-    "displacement": r"disp|displ|displacement|weg|position|pos|stroke|hub|lvdt|laser|auslenkung|verschiebung"
-    r"|deplacement|déplacement|spostamento|desplazamiento|angle|winkel|drehwinkel|rotation|x|u|extension|位移",
-    "acceleration": r"acc|accel|accelerometer|acceleration|accélération|accelerazione|aceleración|beschl|beschleunigung"
-    r"|a|加速度",
-    "force": r"force|kraft|load|last|fz|fx|fy|f|torque|moment|drehmoment|couple|coppia|pressure|druck|pression|fuerza"
-    r"|forza|effort|力|载荷",
-}
 NO_TIME = "none"  # as the name of a time channel: there is none, the rate counts
 #: examples of sensitivities, by role
 TRANSDUCER = {"force": "9.55 mV/N", "displacement": "2 V/mm", "acceleration": "105 mV/g"}
+_WHICH = "Which is the time: {}? If each is of one channel, put it before that channel."
 RISING = 0.9  # of the steps of a time channel go up
+LATE = 0.5  # of a record by which one of two clocks may be late and still be its channel's own
 #: what has the unit of a motion or a force and is no measurement of it: never taken unless it is named
 _NOT_MEASURED = re.compile(
     r"(?<![^\W_])(error|err|fehler|abweichung|deviation|écart|command|cmd|commanded|setpoint|set[ _-]point|soll|"
@@ -49,27 +42,6 @@ class Assigned:
     notes: tuple[str, ...]
 
     __repr__ = brief
-
-
-def named(name: str, role: str) -> bool:
-    """Whether a name says that a channel is of a role; of `laser.t` the last part, unless that says nothing."""
-    leaf = name.rpartition(".")[2]
-    return _says(leaf if any(_says(leaf, other) for other in WORDS) else name, role)
-
-
-def _says(name: str, role: str) -> bool:
-    """By a word, or by a letter at its start where there is no word."""
-    if _has_word(name, role):
-        return True
-    letters = "|".join(w for w in WORDS[role].split("|") if len(w) == 1 and w.isascii())
-    if not letters or any(_has_word(name, other) for other in WORDS):
-        return False
-    return bool(re.match(rf"({letters})(?![^\W\d_])", name, re.IGNORECASE))
-
-
-def _has_word(name: str, role: str) -> bool:
-    longer = "|".join(w for w in WORDS[role].split("|") if len(w) > 1 or not w.isascii())
-    return bool(re.search(rf"(?<![^\W_])({longer})(?![^\W\d_])", name, re.IGNORECASE))
 
 
 def roles_held(recording: Recording, recipe: Recipe) -> set[str]:
@@ -130,7 +102,7 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
         for k, one in enumerate(both):
             here = _times(recording, one, used) if one else []
             if len(here) > 1:
-                questions.append(Question("--time", "", "NAME", f"Which is the time: {_list(recording, here)}?"))
+                questions.append(Question("--time", "", "NAME", _WHICH.format(_list(recording, here))))
             times[k] = here[0] if here else None
     if questions or motion is None or both[1] is None:
         return questions
@@ -165,21 +137,25 @@ def _times(recording: Recording, channel: Channel, used: list[Channel]) -> list[
         and _rises(c.values)
     ]
     some = [c for c in some if c.group == channel.group] or [c for c in some if not c.group] or some
+    some = [c for c in some if not (np.diff(c.values) < 0).any()] or some  # not one that starts anew at each cycle
     if len(some) < 2:
         return some
+    if len(own := [c for c in some if channel.name.lower() in c.name.lower()]) == 1:
+        return own
     order = {id(c): k for k, c in enumerate(recording.channels)}
-    before = [c for c in some if order[id(c)] < order[id(channel)]]
-    # alternating: time, channel, time, channel
-    if before and any(order[id(before[-1])] < order[id(c)] for c in some):
-        return before[-1:]
-    if before and any(order[id(before[-2])] < order[id(c)] < order[id(before[-1])] for c in used if len(before) > 1):
-        return before[-1:]
+    at, times, others = order[id(channel)], [order[id(c)] for c in some], [order[id(c)] for c in used]
+    before, after = [k for k in times if k < at], [k for k in times if k > at]
+    if before and min(times) < min(others) and not max(times) < min(others):
+        return [recording.channels[before[-1]]]  # time, channel, time, channel
+    if after and max(times) > max(others) and min(others) < min(times) < max(others):
+        return [recording.channels[after[0]]]  # channel, time, channel, time
     first = some[0].values - some[0].values[0]
     scale = float(np.nanmax(np.abs(first))) or 1.0
     for c in some[1:]:
         other = c.values - c.values[0]
         size = float(np.nanmax(np.abs(other))) / scale
-        if not np.allclose(other, first * size, atol=1e-6 * scale * size, equal_nan=True):
+        late = abs(c.values[0] - some[0].values[0] * size) / (scale * size)  # of the record: more is another day's
+        if not np.allclose(other, first * size, atol=1e-6 * scale * size, equal_nan=True) or 1e-6 < late < LATE:
             return some
     return some[:1]
 
@@ -192,14 +168,24 @@ def _rises(values: np.ndarray) -> bool:
 def _candidates(channels: list[Channel], role: str, recipe: Recipe) -> list[Channel]:
     """Channels whose unit is the role's; where none is, those whose name says so and whose unit says nothing else."""
     channels = [c for c in channels if not _NOT_MEASURED.search(c.name)]
-    by_unit = [c for c in channels if role_of(c.unit) == role]
+    by_unit = [c for c in channels if role_of(c.unit) == role and not _other_by_name(c, role)]
+    said = role in recipe.units or role in recipe.sensitivities
     by_name = [
-        c for c in channels if named(c.name, role) and (role_of(c.unit) == role or not c.unit or is_volts(c.unit))
+        c
+        for c in channels
+        if named(c.name, role)
+        and (may_be(c.unit, role) or not c.unit or is_volts(c.unit) or (said and role_of(c.unit) is None))
     ]
     if len(by_unit) > 1:
         both = [c for c in by_unit if c in by_name]
         return both if len(both) == 1 else by_unit
     return by_unit or by_name
+
+
+def _other_by_name(channel: Channel, role: str) -> bool:
+    """Whether a unit that may be of two roles (g) is the other one's by the channel's name."""
+    others = [x for x in WORDS if x != role and may_be(channel.unit, x)]
+    return any(named(channel.name, x) for x in others) and not named(channel.name, role)
 
 
 def matching(recording: Recording, name: str) -> list[Channel]:
@@ -220,7 +206,7 @@ def matching(recording: Recording, name: str) -> list[Channel]:
 
 
 def _plain(name: str) -> str:
-    return re.sub(r"[\s\[\](){}<>]+", " ", name.casefold()).strip()
+    return re.sub(r"[\s\[\](){}<>%#]+", " ", name.casefold()).strip()
 
 
 def _ask(recording: Recording, role: str, name: str) -> Channel:

@@ -18,7 +18,7 @@ from bayes_iwan.campaign.recording.records import CampaignError
 SAME_TIME = 0.02  # of a step: two samples closer than this were taken together
 PAIRED = 0.9  # of the samples have a partner: no interpolation then
 LONG_GAP = 2.5  # steps: across a longer hole nothing is interpolated
-WRAPS = (2.0**16, 2.0**24, 2.0**32, 1e3, 1e6, 1e9, 60.0, 3600.0, 43_200.0, 86_400.0, 604_800.0)
+WRAPS = (2.0**16, 6e4, 3.6e6, 8.64e7, 2.0**24, 2.0**32, 1e3, 1e6, 1e9, 60.0, 3600.0, 43_200.0, 86_400.0, 604_800.0)
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,16 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ, cycles_as_time
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
-from bayes_iwan.campaign.importing.channels import NO_TIME, TRANSDUCER, Assigned, assign, matching, named
+from bayes_iwan.campaign.importing.channels import NO_TIME, TRANSDUCER, Assigned, assign, matching
 from bayes_iwan.campaign.importing.clocks import Series, counted_on, paired, runs
 from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats, wrapped_round
 from bayes_iwan.campaign.importing.joining import joined
+from bayes_iwan.campaign.importing.names import named
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
 from bayes_iwan.campaign.importing.read import expanded, read_file
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.scaling import scaled, times_of
+from bayes_iwan.campaign.importing.scaling import moments_unit, scaled, times_of
 from bayes_iwan.campaign.importing.unit_texts import ROLES, is_ratio, is_volts, role_of
 from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
@@ -232,6 +233,9 @@ def _missing(found: Assigned, recording: Recording, recipe: Recipe) -> list[Ques
             out.append(
                 Question("--unit", role, "UNIT", f"{channel.name!r} ({role}) states no unit ({units} or another).")
             )
+        elif is_volts(unit) and "/" in unit:
+            text = f"{channel.name!r} ({role}) is in {unit}, a bridge's ratio: what load is 1 {unit}?"
+            out.append(Question("--unit", role, "50 N", text))
         elif is_ratio(unit):
             out.append(
                 Question(
@@ -265,6 +269,8 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             steps = np.diff(time.values)
             if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
                 return [Question("--sample-rate", "", "1 or none", _ROWS.format(time.name))]
+            if moments_unit(time.values) and not time.unit:
+                continue
             if not recipe.units.get("time", time.unit) and (steps >= 1.0).all() and (steps == np.rint(steps)).all():
                 return [Question("--unit", "time", "ms", _WHOLE.format(time.name, float(np.median(steps))))]
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:

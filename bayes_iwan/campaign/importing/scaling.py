@@ -12,6 +12,8 @@ from bayes_iwan.campaign.recording.records import CampaignError
 
 #: of the years 1982 to 2053, by Excel, by MATLAB and by astronomers (Julian days)
 DAY_NUMBERS = (30_000.0, 60_000.0), (715_000.0, 750_000.0), (2_445_000.0, 2_471_000.0)
+YEARS_S = 3.8e8, 2.6e9  # the same years, in seconds since 1970
+SINCE_1970 = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other
 
 
@@ -56,7 +58,7 @@ def times_of(
         raise CampaignError(f"{where}: {clock.name!r} has {clock.values.size} samples, {channel.name!r} has {n}")
     raw, wrapped = counted_on(clock.values)
     stated = recipe.units.get("time", clock.unit)
-    unit = stated or ("day" if _day_numbers(raw) else "s")
+    unit = stated or moments_unit(raw) or "s"
     if unit == "day":
         raw = raw - np.floor(np.nanmin(raw))  # from midnight: no date is asked for
     time, _ = converted(raw, unit, "", "time", f"{where}: {clock.name!r}")
@@ -86,10 +88,13 @@ def times_of(
     return time, None if shared else rate, [*lines, f"time: {clock.name!r} ({taken}), {per_second}"]
 
 
-def _day_numbers(time: Array) -> bool:
-    """Whether a time without a unit counts days, as Excel and MATLAB do: in seconds it would have a rate of MHz."""
+def moments_unit(time: Array) -> str:
+    """The unit of a time without one that counts days, as Excel and MATLAB do (in seconds its rate would be in MHz), or
+    a fraction of a second since 1970; "" for another."""
     start = float(np.nanmedian(time)) if np.isfinite(time).any() else 0.0
-    return any(low < start < high for low, high in DAY_NUMBERS) and _usual_rate(time) > 1e5
+    if any(low < start < high for low, high in DAY_NUMBERS) and _usual_rate(time) > 1e5:
+        return "day"
+    return next((unit for unit, size in SINCE_1970.items() if YEARS_S[0] < start * size < YEARS_S[1]), "")
 
 
 def _usual_rate(time: Array) -> float:

@@ -1,6 +1,7 @@
 """Units and sensitivities as data-acquisition systems write them, read by pint, into the campaign's working units."""
 
 import re
+import unicodedata
 from functools import cache
 from typing import Any
 
@@ -23,8 +24,12 @@ _WORDS = {
     "lb": "lbf", "lbs": "lbf", "kg": "kgf", "kgs": "kgf",
     "kp": "kgf", "kips": "kip", "newtons": "N", "sec": "s", "secs": "s", "sek": "s",
     "sekunden": "s", "secondes": "s", '"': "inch", "volts": "V", "m/s/s": "m/s**2", "gee": "g_0", "gn": "g_0",
-    "mil": "thou", "mils": "thou",
+    "mil": "thou", "mils": "thou", "kg-f": "kgf", "lb-f": "lbf", "mp": "tf", "gees": "g_0", "g's": "g_0",
+    "mikrometer": "um",
     "ft-lb": "foot*lbf", "in-lb": "inch*lbf", "lb-in": "inch*lbf", "lb-ft": "foot*lbf", "lbf-in": "inch*lbf",
+    "мм": "mm", "см": "cm", "м": "m", "мкм": "um", "н": "N", "кн": "kN", "дан": "daN", "кгс": "kgf", "тс": "tf",
+    "н*м": "N*m", "кн*м": "kN*m", "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "мин": "min", "в": "V", "мв": "mV",
+    "град": "deg", "м/с2": "m/s**2", "毫米": "mm", "微米": "um", "秒": "s", "毫秒": "ms", "牛": "N", "千牛": "kN",
     "in-lbf": "inch*lbf", "ft-lbf": "foot*lbf", "lbf-ft": "foot*lbf", "°c": "kelvin", "degc": "kelvin",
 }  # fmt: skip
 
@@ -35,7 +40,7 @@ _UPPER = {
     "KGF": "kgf", "DAN": "daN", "SEC": "s", "SECS": "s", "S": "s", "MS": "ms", "MSEC": "ms", "US": "us", "USEC": "us",
     "KPA": "kPa", "MPA": "MPa", "PA": "Pa", "BAR": "bar", "PSI": "psi", "DEG": "deg", "RAD": "rad", "MRAD": "mrad",
     "MV": "mV", "NM": "N*m", "KNM": "kN*m", "N-M": "N*m", "KN-M": "kN*m", "M/S2": "m/s**2", "M/S^2": "m/s**2",
-    "MM/S2": "mm/s**2", "M/S": "m/s", "MM/S": "mm/s", "HZ": "Hz",
+    "MM/S2": "mm/s**2", "MM/S^2": "mm/s**2", "M/S": "m/s", "MM/S": "mm/s", "HZ": "Hz",
 }  # fmt: skip
 _RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
 #: units that stand after a blank or a comma ("Force, N"): others are more often words
@@ -43,6 +48,7 @@ _BARE = {
     "mm", "um", "µm", "in", "inch", "N", "kN", "lbf", "s", "ms", "sec", "g",
     "deg", "rad", "Nm", "kPa", "MPa", "bar", "psi",
 }  # fmt: skip
+_WIDE = str.maketrans("（）［］／，：", "()[]/,:")  # signs as wide as a Chinese character
 _RATES = {"mm": "mm/s", "m": "m/s", "in": "in/s", "um": "um/s", "rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s"}
 _THOUSANDS = re.compile(r"[1-9]\d{0,2}(,\d{3})+")
 
@@ -77,24 +83,28 @@ _POWER = re.compile(r"(?<=[A-Za-z])\s*\*\*\s*[+-]?\d(?![\d.eE]|\s*\*\*)")
 
 def _spelt(text: str, role: str) -> str:
     """A unit's text in pint's spelling; g is gravity for an acceleration, in as much as it stands alone."""
-    text = text.strip().strip("[](){}<>").strip()
-    text = _UPPER.get(text.replace("²", "2"), text)
+    text = re.sub("[⁻¹²³]+", r"^\g<0>", text)
+    text = unicodedata.normalize("NFKC", text).strip().strip("[](){}<>").strip()
+    text = text.replace("·", "*").replace("⋅", "*").replace("−", "-").removesuffix(".")
+    text = _UPPER.get(text, text)
     if text.lower() in _WORDS and text not in ("mN", "nm", "Mnm"):
         text = _WORDS[text.lower()]
-    text = text.replace("·", "*").replace("⋅", "*").replace("µ", "u").replace("μ", "u").replace("°", "deg")
+    text = text.replace("μ", "u").replace("°", "deg")
     text = re.sub(r"(?<=[A-Za-z])\.(?=[A-Za-z])", "*", text)  # N.m
     text = re.sub(r"(?<![A-Za-z])(lb)(?![A-Za-z])", "lbf", text)
-    text = text.replace("^", "**").replace("²", "**2").replace("³", "**3")
-    text = re.sub(r"(?<=[A-Za-z])([23])(?![\d.])", r"**\1", text)  # m/s2
+    text = re.sub(r"(?<=[A-Za-z])(?<!\d[eE])(-?[23]|-1)(?![\d.])", r"**\1", text.replace("^", "**"))  # m/s2, m s-2
     if role == "acceleration":
-        text = re.sub(r"(?<![A-Za-z_])[gG](?![A-Za-z_])", "g_0", text)
+        text = re.sub(r"(?<![A-Za-z_])(m?)[gG](?![A-Za-z_])", r"\1g_0", text)
+    elif role == "force":
+        text = "gf" if text == "g" else text
     return text
 
 
 def _quantity(text: str, role: str) -> Any:
     """A pint quantity ('9.55 mV/N', 'kN'), or None where the text is none."""
     spelt = _spelt(text, role) if len(text) <= _LONGEST else ""
-    if not re.search(r"[A-Za-z]", spelt) or spelt.count("**") != len(_POWER.findall(spelt)):
+    # pint passes over signs that it does not know, and would take ?m, which was µm, for m
+    if not re.fullmatch(r"[\w\s.*/+()%-]*[A-Za-z][\w\s.*/+()%-]*", spelt) or spelt.count("**") != len(_POWER.findall(spelt)):
         return None
     registry = _registry()
     for text in (spelt, spelt.lower()):  # Newton, Millimeter
@@ -120,11 +130,13 @@ def _working(quantity: Any, role: str) -> str | None:
 
 def role_of(unit: str) -> str | None:
     """The role of a channel by its unit alone; None for volts, no unit and anything else."""
-    for role in ("time", "displacement", "force", "acceleration"):
-        found = _quantity(unit, role)
-        if found is not None and _working(found, role) and "joule" not in str(found.units):  # an energy, no torque
-            return role
-    return None
+    return next((role for role in ("time", "displacement", "acceleration", "force") if may_be(unit, role)), None)
+
+
+def may_be(unit: str, role: str) -> bool:
+    """Whether a unit can be one of a role: g is an acceleration, and of a load cell a force."""
+    found = _quantity(unit, role)
+    return found is not None and _working(found, role) is not None and "joule" not in str(found.units)  # no torque
 
 
 def is_unit(text: str) -> bool:
@@ -147,13 +159,13 @@ def is_ratio(text: str) -> bool:
 
 
 def is_volts(text: str) -> bool:
-    """Whether a unit is that of a transducer's signal."""
-    return bool(re.fullmatch(r"[mkuµ]?V|(milli)?volts?", text.strip("[]() "), re.IGNORECASE))
+    """Whether a unit is that of a transducer's signal: volts, charge, current, a bridge's ratio of volts."""
+    return bool(re.fullmatch(r"[mkuµμ]?V(/V)?|(milli)?volts?|[np]C|mA", text.strip("[]() "), re.IGNORECASE))
 
 
 def split_name(name: str) -> tuple[str, str]:
     """Name and unit from 'Force [kN]', 'Weg in mm', 'Kraft / N', 'force_N'; the unit is "" where there is none."""
-    name = name.strip(" ;,")
+    name = name.translate(_WIDE).strip(" ;,")
     found = re.fullmatch(r"(.+?)\s*[\[({<]([^\[\](){}<>]+(?:\([^()]*\))?)[\])}>]", name)
     if found and re.search(r"[^\W\d_]|[°%\"]", found[2]):
         known = is_unit(found[2]) or is_ratio(found[2])
@@ -161,7 +173,7 @@ def split_name(name: str) -> tuple[str, str]:
     for pattern in (r"(.+?)\s+in\s+(\S+)", r"(.+?)\s*/\s*(\S+)", r"(.+?)\s*[,:]\s*(\S+)", r"(.+?)\s+(?:-\s+)?(\S+)"):
         found = re.fullmatch(pattern, name)
         bare = pattern.startswith((r"(.+?)\s*[", r"(.+?)\s+(?"))
-        if found and found[2][0] not in "([" and (found[2] in _BARE if bare else _is_word_unit(found[2])):
+        if found and found[2][0] not in "([" and (_WORDS.get(found[2].lower(), found[2]) in _BARE if bare else _is_word_unit(found[2])):
             return found[1].strip(), found[2].strip()
     parts = name.split("_")
     if len(parts) > 2 and parts[-1] == "s" and parts[-2] in _RATES:

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues, wrapped
 from bayes_iwan.campaign import Campaign, Loop
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency, held_out_frequencies
 from bayes_iwan.inference.results.predictions import Prediction, ResidualSize, predicted_at, replicated, residual_size
 from bayes_iwan.inference.results.reach import extrapolated
@@ -202,18 +202,21 @@ class Posterior:
 
         Raises
         ------
-        KeyError
+        InputError
             no quantity of this name.
         """
         low, high = self._quantiles(name, 0.5 * (1.0 - level), 0.5 * (1.0 + level))
         return low, high
 
     def median(self, name: str) -> float:
-        """The median of a quantity's draws. Raises KeyError where there is no quantity of this name."""
+        """The median of a quantity's draws. Raises InputError where there is no quantity of this name."""
         return self._quantiles(name, 0.5)[0]
 
     def _quantiles(self, name: str, *levels: float) -> tuple[float, ...]:
-        values = self.quantities()[name].values
+        known = self.quantities()
+        if name not in known:
+            raise InputError(f"no quantity {name!r}" + nearest(name, known, "; `quantities()` holds them"))
+        values = known[name].values
         kept = values[np.isfinite(values)]
         return tuple(map(float, np.quantile(kept, levels))) if len(kept) else (float("nan"),) * len(levels)
 

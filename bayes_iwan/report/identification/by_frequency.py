@@ -10,11 +10,11 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.frequencies import Frequencies
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.quantities import loop_quantities
-from bayes_iwan.report.identification.loops import test_name
+from bayes_iwan.report.identification.loops import some_tests, test_name
 from bayes_iwan.report.identification.marginals import interval, number, symbol_of
 from bayes_iwan.report.identification.tables import spread
 from bayes_iwan.report.page import Cell, Table
-from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, styled, subplots, ticked
+from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, narrow, styled, subplots, ticked
 
 
 def _draws(posterior: Posterior, name: str) -> Array:
@@ -38,7 +38,7 @@ def wander_figure(frequencies: Frequencies) -> Figure:
     checks = frequencies.checks
     hz = frequencies.hz
     many = len(hz) > 4
-    columns = min(3 if many else 4, len(checks))
+    columns = min(2 if narrow() else 3 if many else 4, len(checks))
     rows = math.ceil(len(checks) / columns)
     wide, tall = (2.7, 1.95) if many else (2.0, 1.75)
     figure, axes = subplots(rows, columns, wide * columns + 0.3, tall * rows + 0.3)
@@ -68,7 +68,8 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         bad = check.p_value < 0.05
         p = f"{check.p_value:.2f}" if check.p_value >= 0.01 else "< 0.01"
         unit = f" ({check.unit})" if check.unit not in ("", "-") else ""
-        ax.set_title(f"{symbol_of(frequencies.joint, check.name)}{unit}", loc="left")
+        above = "\n" if narrow() else ""  # two titles do not go beside each other there
+        ax.set_title(f"{symbol_of(frequencies.joint, check.name)}{unit}{above}", loc="left")
         ax.set_title(
             ("✗ " if bad else "") + f"p {'=' if p[0] != '<' else ''} {p}".replace("  ", " "),
             loc="right",
@@ -108,8 +109,10 @@ def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
 @styled
 def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
     """Each test's loop as its own frequency alone predicts it (50 and 90 % bands) and as all tests together do (90 %
-    between the lines), both less the joint median; grey: the measured loop. Means, which drift, are taken off."""
-    tests = _alone(frequencies)
+    between the lines), both less the joint median; grey: the measured loop. Means, which drift, are taken off. Of many
+    tests some, spread over frequency and amplitude."""
+    every = _alone(frequencies)
+    tests = [every[t] for t in some_tests([loop for loop, _ in every])]
     columns = min(3, len(tests))
     rows = math.ceil(len(tests) / columns)
     figure, axes = subplots(rows, columns, 2.5 * columns + 0.4, 1.6 * rows + 0.7, sharex=True)

@@ -15,7 +15,7 @@ from bayes_iwan.report.cite import SOFTWARE
 from bayes_iwan.report.identification import by_frequency, checks, law_figures, loops, sampling, tables, trends
 from bayes_iwan.report.identification.by_frequency import frequencies_table
 from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
-from bayes_iwan.report.identification.predictive import predict
+from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.identification.summary import Answer, Determined, Identified, IdentifiedSection
 from bayes_iwan.report.identification.where_gap import DISAGREE, Finding, regions_finding
 from bayes_iwan.report.page import Page, provenance
@@ -36,6 +36,17 @@ _LIKELIHOOD = {
 
 class Loops(IdentifiedSection):
     heading, draw = "Loops, measured and predicted", loops
+
+    @property
+    def shown(self) -> Predictive:
+        """Of the tests that have a panel."""
+        return self.r.predictive.some(loops.some_tests(self.r.predictive.loops))
+
+    @property
+    def which(self) -> str:
+        """These tests in words."""
+        every = len(self.r.predictive.loops)
+        return "every test" if every <= loops.MOST else f"{loops.MOST} of the {every} tests (the viewer shows each)"
 
     def viewer(self) -> dict[str, object]:
         return viewer_data(self.r.predictive)

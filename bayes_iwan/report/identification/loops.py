@@ -18,6 +18,9 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.identification.predictive import Predictive, measured_cycles, predict
 from bayes_iwan.report.style import BLACK, MODEL, band, into_given_axes, narrow, series, styled, subplots, ticked
 
+#: tests of which a page shows a panel each: more are neither looked at nor light
+MOST = 12
+
 
 def test_name(loop: Loop, role: bool = True) -> str:
     """'10 Hz, 0.3 mm', with '(held out)' where it was; nominal values, and other stated numbers if there are any."""
@@ -26,6 +29,13 @@ def test_name(loop: Loop, role: bool = True) -> str:
     extras = ", ".join(f"{key} {value:g}" for key, value in list(loop.extras.items())[:1])
     name += f", {extras}" if extras else ""
     return name + (" (held out)" if role and loop.role == "held-out" else "")
+
+
+def some_tests(loops: Sequence[Loop]) -> list[int]:
+    """At most :data:`MOST` tests, spread evenly over frequency and, within one, amplitude, ends included; in order."""
+    order = sorted(range(len(loops)), key=lambda t: (loops[t].record.frequency_hz, loops[t].record.amplitude_mm))
+    some = np.linspace(0, len(order) - 1, min(MOST, len(order))).round().astype(int)
+    return sorted(order[i] for i in some)
 
 
 def _grid(loops: Sequence[Loop]) -> tuple[int, int, list[int]]:

@@ -57,14 +57,20 @@ def interval(draws: Array, level: float = 0.9) -> tuple[str, str, str]:
     if not len(draws):
         return "–", "–", "–"
     low, middle, high = np.quantile(draws, [0.5 - level / 2, 0.5, 0.5 + level / 2])
-    return number(middle, high - low), number(low, high - low), number(high, high - low)
+    return in_interval(middle, low, high)
+
+
+def in_interval(middle: float, low: float, high: float) -> tuple[str, str, str]:
+    """A median and its interval as text: digits down to a tenth of twice its shorter side, at most one more than the
+    whole interval deserves."""
+    deserved = max(2.0 * min(middle - low, high - middle), 0.1 * (high - low))
+    return number(middle, deserved), number(low, deserved), number(high, deserved)
 
 
 def reported(posterior: Posterior, name: str) -> tuple[str, str, str]:
     """The reported value and 90 % interval of a quantity, as in summary.csv, with the digits that it deserves."""
     low, high = posterior.interval(name)
-    middle = posterior.median(name)
-    return number(middle, high - low), number(low, high - low), number(high, high - low)
+    return in_interval(posterior.median(name), low, high)
 
 
 @styled

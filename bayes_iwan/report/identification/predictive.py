@@ -1,7 +1,7 @@
 """What a posterior predicts for measured tests: the arrays behind every loop figure, the viewer and the checks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -43,6 +43,12 @@ class Predictive:
     def residual_N(self) -> Array:
         """Measured − median prediction, (tests, samples)."""
         return self.measured_N - self.median_N
+
+    def some(self, tests: Sequence[int]) -> "Predictive":
+        """The same of some tests."""
+        rows = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "loops"}
+        chosen = {k: x[:, tests] if x.ndim == 3 else x[tests] for k, x in rows.items()}
+        return Predictive(tuple(self.loops[t] for t in tests), **chosen)
 
 
 def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 300, seed: int = 0) -> Predictive:

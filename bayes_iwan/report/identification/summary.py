@@ -11,6 +11,7 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.models import Model
+from bayes_iwan.models.embedded_error import SLIP_NAMES
 from bayes_iwan.models.iwan_parameters import embedded_parameters
 from bayes_iwan.report.identification import marginals
 from bayes_iwan.report.identification.checks import RegionChecks
@@ -109,9 +110,12 @@ class Answer(IdentifiedSection):
         p = self.r.posterior
         noise = {q.name for q in p.problem.likelihood.parameters}
         shrunk = zip(p.problem.prior.free, contraction(p.flat_z(4000)))
-        loose = [f"{q.symbol} ({q.description})" for q, c in shrunk if c < OPEN and q.name not in noise]
+        loose = [q for q, c in shrunk if c < OPEN and q.name not in noise]
+        terms = [q.symbol for q in loose if q.name in SLIP_NAMES]
+        said = [f"{q.symbol} ({q.description})" for q in loose if q.name not in SLIP_NAMES]
+        said += [f"{', '.join(terms)} (deviations of the slip forces' density)"] if terms else []
         wide = "Not determined one by one (posterior about as wide as the prior): "
-        out = [wide + "; ".join(loose) + "."] if loose else []
+        out = [wide + "; ".join(said) + "."] if said else []
         return [*out, *(f"{symbol_of(p, name)}: {why}" for name, why in p.extrapolated.items()), *_NOT_VISIBLE]
 
     @property
@@ -165,7 +169,7 @@ def _range_row(title: str, unit: str, tests: Sequence[Compared]) -> tuple[str, s
     measured = [x.measured for x in tests]
     low, high = min(x.q05 for x in tests), max(x.q95 for x in tests)
     unit = f" {unit}" if unit else ""
-    spread = max(max(measured) - min(measured), 0.02 * abs(max(measured)))
+    spread = max(min(max(measured) - min(measured), abs(min(measured))), 0.02 * abs(max(measured)))
     value = f"{number(min(measured), spread)} to {number(max(measured), spread)}{unit}"
     if len(tests) == 1:
         value = f"{measured[0]:.4g}{unit}"

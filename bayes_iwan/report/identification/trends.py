@@ -8,7 +8,7 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.quantities import LoopQuantities, loop_quantities
 from bayes_iwan.models import sine_motion
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.style import band, points, series, styled, subplots, ticked
+from bayes_iwan.report.style import band, narrow, points, series, styled, subplots, ticked
 
 _WHAT = (
     ("energy_mJ", "dissipated energy (mJ/cycle)"),
@@ -76,8 +76,9 @@ def trends_figure(posterior: Posterior, predictive: Predictive | None = None, n:
                 ax.set_ylabel(title if column == 0 else "")
         axes[-1, column].set_xlabel(label)
         if clock:
+            columns = 2 if narrow() else 4
             axes[0, column].legend(
-                loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=1.2, handletextpad=0.2
+                loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, columnspacing=1.2, handletextpad=0.2
             )
     ticked(list(axes.ravel()))
     for ax in axes[:, 0]:

@@ -19,9 +19,9 @@ from bayes_iwan.campaign.recording.records import CampaignError, shown
 MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
 DEEPEST = 20  # of structs and cells within each other
 RATES = {"fs", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "sample_rate_hz", "fsample", "srate"}
-STARTS = {"t0", "t_start", "start_time", "start_time_s", "start_s", "wf_start_offset"}
+STARTS = {"t0", "t_start", "start_time", "start_time_s", "start_s", "wf_start_offset", "start_value"}
 LATEST_S = 1e5  # what is more is a date, of which no unit is known
-STEPS = {"dt", "delta_t", "wf_increment", "sample_interval", "sample_interval_s"}
+STEPS = {"dt", "delta_t", "wf_increment", "sample_interval", "sample_interval_s", "ts", "increment"}
 _ARRAY, _COMPRESSED = 14, 15
 _KINDS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, _ARRAY, _COMPRESSED, 16, 17, 18}
 _HEADER = 128
@@ -60,7 +60,18 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
     objects: set[str] = set()
     units: dict[str, str] = {}
 
+    def stated(name: str, item: Any) -> None:
+        """Numbers that are stated of a dataset or group, read as those beside it are."""
+        stem = name.replace("/", ".").strip(".")
+        arrays.extend(
+            (f"{stem}.{k}".strip("."), np.asarray(x))
+            for k, x in item.attrs.items()
+            if np.size(x) == 1 and np.asarray(x).dtype.kind in "iuf"
+        )
+
     def visit(name: str, item: Any, depth: int = 0) -> None:
+        if isinstance(item, h5py.Group):
+            stated(name, item)
         if not isinstance(item, h5py.Dataset) or name.startswith("#") or depth > DEEPEST:
             return
         name = name.replace("/", ".")
@@ -80,12 +91,7 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
             arrays.append((name, item[()].T))  # MATLAB writes columns first
             unit = next((item.attrs[k] for k in ("unit", "units", "Unit", "Units") if k in item.attrs), "")
             units[name] = unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
-            # numbers stated of a dataset are read as those beside it are
-            arrays.extend(
-                (f"{name}.{k}", np.asarray(x))
-                for k, x in item.attrs.items()
-                if np.size(x) == 1 and np.asarray(x).dtype.kind in "iuf"
-            )
+            stated(name, item)
         elif item.dtype.names == ("real", "imag"):
             values = item[()].T
             arrays.append((name, values["real"] + 1j * values["imag"]))
@@ -94,6 +100,7 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
 
     try:
         with h5py.File(path, "r") as source:
+            stated("", source)
             source.visititems(visit)
     except Exception as error:  # a damaged file makes HDF5 fail in many ways
         raise CampaignError(f"{file}: cannot be read as MATLAB v7.3 or HDF5 ({shown(str(error))})") from None
@@ -161,6 +168,7 @@ def _recordings(
     own_rates = {k: x for k, x in numbers.items() if _leaf(k) in RATES and x > 0}
     own_rates |= {k: 1 / x for k, x in numbers.items() if _leaf(k) in STEPS and x > 0}
     starts = {k: x for k, x in numbers.items() if _leaf(k) in STARTS and "." in k and abs(x) < LATEST_S}
+    vectors = [k for k, v in arrays if np.size(v) > 1]
     rates = list(own_rates.values())
     if len({round(np.log(x), 9) for x in rates}) == 1:
         rate = rates[0]
@@ -172,7 +180,8 @@ def _recordings(
                 f"{file}: {name} is complex with an imaginary part; save real time histories, like real({name})"
             )
         if values.ndim == 1:
-            own, start = (_beside(x, name, group) for x in (own_rates, starts))
+            alone = sum(k.partition(".")[0] == name.partition(".")[0] for k in vectors) == 1
+            own, start = (_beside(x, name, group, alone) for x in (own_rates, starts))
             channels.append(channel(name, (units or {}).get(name, ""), values, own or rate, start, group))
         elif values.ndim == 2:
             columns = values if values.shape[0] >= values.shape[1] else values.T
@@ -185,13 +194,14 @@ def _recordings(
     return [replace(x, warnings=said) for x in _parts(file, kept, what)]
 
 
-def _beside(numbers: Mapping[str, float], name: str, group: str) -> float | None:
-    """A number that is stated of an array, or in its struct."""
+def _beside(numbers: Mapping[str, float], name: str, group: str, alone: bool) -> float | None:
+    """A number that is stated of an array, in its struct, or anywhere in a variable that holds no other array."""
     for parent in (name, group):
         for key, x in numbers.items():
             if parent and key.rpartition(".")[0] == parent:
                 return x
-    return None
+    top = name.partition(".")[0] + "."
+    return next((x for key, x in numbers.items() if alone and key.startswith(top)), None)
 
 
 def _leaf(name: str) -> str:

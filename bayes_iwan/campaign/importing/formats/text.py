@@ -16,11 +16,14 @@ from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
     MISSING,
     SEPARATORS,
+    STARTS,
+    STEPS,
     Layout,
     Style,
     decoded,
     find_style,
     is_missing,
+    labelled,
     names_and_units,
     range_passed,
     stated_rate,
@@ -175,6 +178,9 @@ def _numbers(
             columns[k] = column  # stamps, or remarks
         elif not strict and _has_header(body, style):
             return None, ()
+        elif len(word := {str(column.iloc[j]) for j in bad}) == 1 and len(bad) > 1 and _words(*word):
+            columns[k] = pd.Series(np.array([np.nan if y is None else y for y in values]))
+            notes.append(f"{len(bad)} cells read {shown(*word)} where numbers are: dropped. Was the range passed?")
         else:
             cell = str(column.iloc[bad[0]])
             raise CampaignError(
@@ -188,7 +194,7 @@ def _number(cell: object, style: Style) -> float | None:
     if not isinstance(cell, str):
         return float(cell) if cell is not None else np.nan  # type: ignore[arg-type]
     if style.is_number(cell):
-        other = "," if style.decimal == "." else "."
+        other = "," if style.decimal == "." else "."  # divides thousands
         return float(re.sub(rf"[{other} '’\u00a0\u202f]", "", cell).replace(",", ".").lower().replace("d", "e"))
     return np.nan if is_missing(cell) else range_passed(cell)
 
@@ -252,6 +258,8 @@ def _recording(
         step = _number(unit, style) if re.fullmatch(r"(?i)increment|delta_?x", name) else None
         if step is not None and 0 < step < np.inf:
             rate = 1 / step
+    starts = _numbers_of(labelled(above, style, len(names), STARTS), style)
+    steps = _numbers_of(labelled(above, style, len(names), STEPS), style)
     used = [k for k in table if k not in side and table[k].notna().any() and units[k].lower() != "sequence"]
     numeric = [k for k in used if pd.api.types.is_numeric_dtype(table[k])]
     channels: dict[int, Channel] = {}  # by column: a time is of the channels behind it
@@ -261,12 +269,23 @@ def _recording(
             name = labels.get("source", name)
         unit = unit.strip() or units[k] or _unit_of(name, labels, k == numeric[0], k == numeric[-1])
         heading = names[k] + (f" ({units[k]})" if units[k] else "")
-        channels[k] = Channel(name or f"column {k + 1}", unit, table[k].to_numpy(dtype=float), heading=heading)
+        values, own = table[k].to_numpy(dtype=float), steps.get(k, 0.0)
+        channels[k] = Channel(
+            name or f"column {k + 1}", unit, values, 1 / own if own > 0 else None, starts.get(k), heading=heading
+        )
     if not any(role_of(c.unit) == "time" for c in channels.values()):
         clocks, said = _clocks({k: table[k] for k in used if k not in numeric}, names)
         channels, notes = channels | clocks, (*notes, *said)
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
     return Recording(file, part, kept, notes, rate, not_applied([*above, *beside]))
+
+
+def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:
+    """Numbers or stamps of a row above the table, by column: stamps in seconds from the first one."""
+    there = {k: c for k, c in enumerate(cells) if c}
+    found = {k: x for k, c in there.items() if style.is_number(c) and (x := _number(c, style)) is not None}
+    stamps = seconds(list(there.values())) if there and not found else None
+    return found if stamps is None else {k: float(x) for k, x in zip(there, stamps[0])}
 
 
 def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...]]:

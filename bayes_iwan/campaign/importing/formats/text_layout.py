@@ -4,10 +4,12 @@ import codecs
 import csv
 import math
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayes_iwan.campaign.importing.formats.stamps import is_stamp
+from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.recordings import RATES_HZ
 from bayes_iwan.campaign.importing.unit_texts import decimal_point, is_unit, role_of
 from bayes_iwan.campaign.recording.records import CampaignError
@@ -21,26 +23,38 @@ SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", r"\s+
 NAMED = {"tab": "\t", "tabs": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "blank": r"\s+", "blanks": r"\s+"}
 NAMED |= {"space": r"\s+", "spaces": r"\s+", "bar": "|"}
 MARKS = {  # digits are matched in one way only: a cell of 60,000 of them would take minutes otherwise
-    ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?"),
-    ",": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?"),
+    ".": re.compile(r"(?:[+-] *)?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?"),
+    ",": re.compile(r"(?:[+-] *)?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?"),
 }
 THOUSANDS = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}([, '’\u00a0\u202f]\d{3})+(\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}([. '’\u00a0\u202f]\d{3})+(,\d*)?"),
 }
+#: of text that is no UTF-8, in the order in which they are taken where they make equal sense
+ENCODINGS = (
+    "cp1252", "utf-8", "cp1251", "gb18030", "cp932", "cp850", "cp866", "koi8-r", "big5", "cp949", "euc-jp", "mac-roman",
+    "cp1250",
+)  # fmt: skip
+LONGEST_WORD, MOST_WORDS = 40, 200
 _RATE = (
     r"sampl\w*[ _-]*(?:rate|freq\w*)|(?:scan|data|acquisition|acq\.?)[ _-]*rate|abtast(?:rate|frequenz)|messrate|"
-    r"fr[ée]quence d.[ée]chantillonnage|frequenza di campionamento|frecuencia de muestreo|采样(?:率|频率)|fs"
+    r"fr[ée]quence d.[ée]chantillonnage|frequenza di campionamento|frecuencia de muestreo|采样(?:率|频率)|サンプリング周波数|частота дискретизации|fs"
 )
 _INTERVAL = (
     r"(?:sampl\w*|scan|time|x|h)?[ _-]*(?:interval|increment|period|step|resolution)|d[tx]|delta[ _-]?[tx]|"
-    r"(?:abtast|zeit)(?:intervall|schritt)"
+    r"(?:abtast|zeit)[ _-]?(?:intervall|schritt|periode)|サンプリング間隔|采样间隔|t[ _]?inc"
 )
 _HINT = (
     r"[^\w]*(?:{})\W{{0,2}}(?P<u1>k?hz|k?s/s|m?s|[uµμn]s|sec\w*)?[\])]?\"?\s*[:=;,\t ]\s*\"?"
     r"(?P<v>\d[\d.,]*(?:e[+-]?\d+)?)\s*(?P<u2>[a-zµμ/]*)"
 )
 _RATE_HINT, _INTERVAL_HINT = (re.compile(_HINT.format(x), re.IGNORECASE) for x in (_RATE, _INTERVAL))
+#: labels at the head of a row above the table that has a cell for each channel
+_NAMES = re.compile(r"(?:channel|trace|ch|kanal|測定ch)[ _-]?(?:names?|名称)|names?", re.IGNORECASE)
+_UNITS = re.compile(r"(?:v|y|ch\w*)?[ _-]?units?|einheit(?:en)?|unit[ée]s?|単位|单位", re.IGNORECASE)
+STARTS = re.compile(r"start[ _-]?times?|t0|h[ _-]?offset|x0", re.IGNORECASE)
+STEPS = re.compile(r"d[tx]|delta[ _-]?[tx]|h[ _-]?resolution|(?:sample|time)[ _-]?interval", re.IGNORECASE)
+_OUTSIDE = re.compile(r",(?![^()\[\]]*[)\]])")  # a comma, and not within brackets
 _OF_LENGTH = re.compile(r"\W*(dx|resolution)\b", re.IGNORECASE)
 _PER_SECOND = {"khz": 1e3, "mhz": 1e6, "ks/s": 1e3, "ksa/s": 1e3, "ms/s": 1e6, "msa/s": 1e6}
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "msec": 1e-3, "usec": 1e-6}
@@ -129,17 +143,17 @@ def is_missing(cell: str) -> bool:
 
 def decoded(file: str, raw: bytes, encoding: str | None) -> tuple[str, str]:
     """A file's text with lines ended by \\n, and its encoding."""
-    encoding = encoding or _encoding(file, raw)
-    if "16" in encoding and len(raw) % 2:
+    found = encoding or _encoding(file, raw)
+    if "16" in found and len(raw) % 2:
         raw = raw[:-1]
     try:
-        text = raw.decode(encoding)
+        text = raw.decode(found, "strict" if encoding else "replace")  # a damaged remark harms no number
     except LookupError:
         raise CampaignError(f"{file}: encoding {encoding!r} is not known; utf-8, cp1252 and utf-16 are") from None
     except UnicodeError:
         raise CampaignError(f"{file}: not written in {encoding}; leave --encoding out, or name the right one") from None
     text = re.sub(r"−(?=[\d.,])", "-", text.removeprefix("\ufeff"))  # a typographer's minus
-    return (text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text), encoding
+    return (text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text), found
 
 
 def _encoding(file: str, raw: bytes) -> str:
@@ -169,15 +183,18 @@ def _encoding(file: str, raw: bytes) -> str:
     except UnicodeDecodeError:
         if re.search(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]", start):
             raise CampaignError(f"{file}: no text, and no format that is known by its first bytes") from None
-    # Chinese characters of daily use are two bytes, the first of B0 ... D7: in Western text these do not stand in pairs
-    pairs = re.findall(rb"[\xb0-\xd7][\xa1-\xfe]", raw)
-    if 2 * len(pairs) > 0.6 * sum(map(len, re.findall(rb"[\x80-\xff]+", raw))):
-        try:
-            raw.decode("gb18030")
-            return "gb18030"
-        except UnicodeDecodeError:
-            pass
-    return "cp1252" if not re.search(rb"[\x81\x8d\x8f\x90\x9d]", raw) else "latin-1"
+    words = {name: _understood(start.decode(name, "replace")) for name in ENCODINGS}
+    return max(words, key=lambda name: words[name])
+
+
+def _understood(text: str) -> tuple[int, int]:
+    """How many words with letters beyond ASCII are a unit or begin a channel's name (one encoding makes them so), and
+    minus how many letters there are none of."""
+    texts = unicodedata.normalize("NFKC", text)
+    words = {w for w in re.split(r"[\s;,|:/\[\](){}<>\"=]+", texts) if w and not w.isascii() and len(w) < LONGEST_WORD}
+    whole = sorted(w for w in words if "\ufffd" not in w)[:MOST_WORDS]
+    known = sum((w.isalpha() and any(named(w, x) for x in WORDS)) or role_of(w) is not None for w in whole)
+    return known, -texts.count("\ufffd")
 
 
 def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> tuple[Style, int, int]:
@@ -216,6 +233,12 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
             "--header-line"
         )
     style, first, width = best[2:]
+    if layout.decimal is None and (cell := _may_be_thousands(style, head[first:])):
+        other = "," if style.decimal == "." else "."
+        raise CampaignError(
+            f'{file}: "{cell}" and cells without a {style.decimal} stand in one column: does it divide thousands? Say '
+            f'--decimal "{other}" if it does, --decimal "{style.decimal}" if not'
+        )
     if (style.separator, style.decimal) == (",", ".") and not layout.decimal and not layout.separator:
         cells = [c for line in head[first:] for c in line.split(",")]
         if any(re.fullmatch(r"0\d+", c.strip()) for c in cells) and not any("." in c for c in cells):
@@ -228,6 +251,18 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
     return style, first, width
 
 
+def _may_be_thousands(style: Style, lines: list[str]) -> str:
+    """A number of a column in which a mark stands before three digits, or the number has three at most and no mark."""
+    for cells in zip(*(style.cells(line) for line in lines if line.strip())):
+        marked = [c for c in cells if style.decimal in c]
+        whole = [c for c in cells if re.fullmatch(r"[+-]?(?:[1-9]\d{0,2}|0)", c)]
+        form = rf"[+-]?[1-9]\d{{0,2}}[{style.decimal}]\d{{3}}"
+        if len(marked) > 1 and len(whole) > 1 and len(marked) + len(whole) == len([c for c in cells if c]):
+            if all(re.fullmatch(form, c) for c in marked):
+                return marked[0]
+    return ""
+
+
 def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) -> tuple[list[str], list[str]]:
     """Names and units of the columns, from the lines above the numbers; empty where there are none."""
     if layout.header_line is not None:
@@ -235,16 +270,17 @@ def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) 
         names = style.cells(lines[at]) if at < len(lines) else []
         below = [style.cells(line) for line in lines[at + 1 :] if line.strip()]
         return names, next((cells for cells in below if all(is_unit(c) for c in cells)), [])
+    names, units = (labelled(lines, style, width, x) for x in (_NAMES, _UNITS))
+    if any(names) and (any(units) or _words(names)):
+        return names, _bare(units)
     fitting: list[list[str]] = []
     for line in reversed([line for line in lines if line.strip()]):
         line = re.sub(r"^\s*(#|//|%|!)\s*", "", line)
         cells = style.cells(line)
         if style.separator == r"\s+" and len(cells) > width == len(spaced := re.split(r"\t|\s{2,}", line.strip())):
             cells = spaced  # names of several words, or with a unit
-        if len(cells) == width + 1 and re.fullmatch(
-            r"\W*(units?|einheit(en)?|unit[ée]s?|names?|channels?)\W*", cells[0], re.I
-        ):
-            cells = cells[1:]
+        if len(cells) > width and (whole := _OUTSIDE.split(line)) and len(whole) == width:
+            cells = [cell.strip().strip('"') for cell in whole]  # "Position(0,1) (mm)" is one
         if len(cells) < width or (len(fitting) and len(cells) < len(fitting[0]) - 1):
             break
         fitting.append(cells)
@@ -253,9 +289,28 @@ def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) 
     units = [_is_units(cells, style) for cells in fitting]
     if len(fitting) > 1 and units[0]:
         return fitting[1], _bare(fitting[0])
-    if len(fitting) > 1 and units[1]:
-        return fitting[0], _bare(fitting[1])  # units above names
+    if len(fitting) > 1 and units[1]:  # units above names, or a row of remarks below them
+        return max(fitting[0], *fitting[2:3], key=_words), _bare(fitting[1])
     return fitting[0], (fitting[0] if units[0] else [])
+
+
+def _words(cells: Sequence[str]) -> int:
+    """How many cells say by a word what their channels are."""
+    return sum(any(named(cell, role) for role in WORDS) for cell in cells)
+
+
+def labelled(lines: Sequence[str], style: Style, width: int, label: re.Pattern[str]) -> list[str]:
+    """A cell for each column of a row that begins with a label ("Units", mm, N), or stands below it; else nothing."""
+    for line, below in zip(lines, [*lines[1:], ""]):
+        cells = style.cells(line)
+        if label.fullmatch(cells[0].strip(" :=")) if cells else False:
+            beside = any(cells[1:])  # and the column below the label holds times, numbers of rows or nothing
+            rest = cells[1:] if beside else style.cells(below)
+            while len(rest) > width and not rest[-1]:
+                rest = rest[:-1]
+            if len(rest) == width or (beside and len(rest) == width - 1):
+                return [""] * (width - len(rest)) + rest
+    return []
 
 
 def _is_units(cells: Sequence[str], style: Style) -> bool:
