@@ -25,8 +25,8 @@ import numpy as np
 
 from bayes_iwan.models import Model, Motion, Reference, sine_motion
 from bayes_iwan.models.kernels import sliders
-from bayes_iwan.models.kernels.elements import element_force, equal_probability_sliders
 from bayes_iwan.models.paper_parameters import table_1
+from jenkins_elements import element_force, equal_probability_sliders
 
 LOOPS, SAMPLES = 9, 128
 #: floating-point operations a sample, counted in the source: sliders, α, k, and the draw's table shared by its samples

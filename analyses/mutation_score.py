@@ -184,7 +184,12 @@ def main() -> None:
         )
         passed, _ = run_tests(copied, tests, 7200.0, *which)
         if not passed:
-            sys.exit(f"the tests of {args.folder} fail on the unchanged code: {' '.join(tests)}")
+            cases = ElementTree.parse(copied / "tests.xml").iter("testcase")
+            failed = [c.attrib["name"] for c in cases if {"failure", "error"} & {x.tag for x in c}]
+            sys.exit(
+                f"the tests of {args.folder} fail on the unchanged code: {', '.join(failed)}; those with a time budget "
+                "do on a busy machine: name others by --tests"
+            )
         ran, took = tests_by_line(copied), seconds_by_test(copied / "tests.xml")
         done: list[Mutant] = []
         until = time.monotonic() + 60.0 * args.minutes

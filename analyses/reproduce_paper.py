@@ -25,8 +25,8 @@ from bayes_iwan.campaign import Record, average
 from bayes_iwan.comparison.families import SHORT
 from bayes_iwan.inference.setup.loop_scales import loop_energy_mJ
 from bayes_iwan.models import Model, Reference, motion, sine_motion
-from bayes_iwan.models.kernels.elements import element_force, equal_probability_sliders
 from bayes_iwan.models.paper_parameters import TABLE_1, table_1
+from jenkins_elements import element_force, equal_probability_sliders
 
 AMPLITUDE_MM = 1.0
 FREQUENCIES_HZ = np.array([10.0, 15.0, 20.0])

@@ -177,7 +177,7 @@ def diagnoses(quick: bool) -> dict[str, object]:
 
 def searched(data: GapData, effects: int | None = None, executor: Executor | None = None) -> Search:
     """The search over so many of the catalogue's effects, those that are planted first."""
-    kinds = catalogue.variants(form=True)
+    kinds = catalogue.variants()
     order = sorted(kinds, key=lambda name: name not in PLANTED)[:effects]
     some = {name: kinds[name] for name in order}
     return search(data, scales_of(data.loops), DiagnoseSettings(), some, np.random.default_rng(0), executor=executor)

@@ -28,7 +28,7 @@ from bayes_iwan.withheld.true_gaps import by_set
 
 FIGURES = tuple(f.name for f in fields(Figures))
 #: laws by effect, for which of them look alike
-EFFECTS: Mapping[str, Any] = catalogue.variants(form=True) | {e.name: (e,) for e in catalogue.UNLISTED}
+EFFECTS: Mapping[str, Any] = catalogue.variants() | {e.name: (e,) for e in catalogue.UNLISTED}
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ In a notebook (each command line's answer is an object here):
 """
 
 import importlib
-from typing import Any
 
 import lazy_loader
 
@@ -24,7 +23,7 @@ _named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}" + nearest(name, __all__))
     if name in ("plot", "Posterior", "Problem", "Diagnosis") or name.endswith(("_loops", "_problem")):

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar, cast
 
 import numba as nb
 from tqdm import tqdm
@@ -151,7 +151,7 @@ def finished(
     bar = tqdm(total=len(pieces), desc=what or None, unit=unit, disable=None if progress else True)
     with opened(workers) as executor, bar:
         if executor is None:
-            some: Iterator[tuple[str, Any]] = ((name, _piece(shared, work, x)) for name, x in pieces.items())
+            some: Iterator[tuple[str, Result | Failure]] = ((n, _piece(shared, work, x)) for n, x in pieces.items())
         else:
             some = _elsewhere(executor, pieces, work, shared, _sent(executor, shared))
         for name, result in some:
@@ -223,11 +223,11 @@ def _elsewhere(
     pieces: Mapping[Name, Piece],
     work: Callable[[Shared, Piece], Result],
     shared: Shared,
-    there: Any,
+    there: object,
 ) -> Iterator[tuple[Name, Result | Failure]]:
     """Name and result of every piece as they come; `there` stands for `shared` in the calls."""
     waiting = {executor.submit(_piece, there, work, piece): name for name, piece in pieces.items()}
-    again: dict[Future, Name] = {}
+    again: dict[Future[Result | Failure], Name] = {}
     try:
         for future in as_completed(waiting):
             name = waiting[future]
@@ -242,7 +242,7 @@ def _elsewhere(
             future.cancel()
 
 
-def _result(future: Future) -> Any:
+def _result(future: Future[Result | Failure]) -> Result | Failure:
     try:
         return future.result()
     except BrokenExecutor:
@@ -252,9 +252,9 @@ def _result(future: Future) -> Any:
         return Failure(type(error).__name__, str(error))
 
 
-def _piece(shared: Any, work: Callable[[Any, Any], Any], piece: Any) -> Any:
+def _piece(shared: object, work: Callable[[Shared, Piece], Result], piece: Piece) -> Result | Failure:
     """One piece, on one thread, where it runs; its exception as a Failure, for some exceptions cannot travel."""
-    value = _here[shared.key] if isinstance(shared, _Sent) else shared
+    value = cast("Shared", _here[shared.key] if isinstance(shared, _Sent) else shared)
     with serial():
         try:
             return work(value, piece)
@@ -262,7 +262,7 @@ def _piece(shared: Any, work: Callable[[Any, Any], Any], piece: Any) -> Any:
             return Failure(type(error).__name__, str(error), traceback.format_exc())
 
 
-def _sent(executor: Executor, shared: Any) -> Any:
+def _sent(executor: Executor, shared: object) -> object:
     """What stands for `shared` in a call: the thing itself, or a ticket for what every process is given once."""
     if isinstance(executor, Processes):
         return executor.send(shared)
@@ -279,7 +279,7 @@ class _Sent:
 
 
 #: what this process was sent ahead of its pieces; the latest only, and only ever in a spawned process
-_here: dict[int, Any] = {}
+_here: dict[int, object] = {}
 
 
 def _receive(key: int, packed: bytes) -> None:
@@ -287,7 +287,7 @@ def _receive(key: int, packed: bytes) -> None:
     _here[key] = ForkingPickler.loads(packed)
 
 
-def _unpacked(packed: bytes) -> Any:
+def _unpacked(packed: bytes) -> object:
     fn, args, kwargs = ForkingPickler.loads(packed)
     return fn(*args, **kwargs)
 
@@ -311,7 +311,7 @@ def _ready() -> None:
     """Nothing: whoever can call it has imported the package."""
 
 
-def _packed(value: Any) -> bytes | Exception:
+def _packed(value: object) -> bytes | Exception:
     """As it travels to a process of ours, packed as the pool would, or why it cannot, which whoever waits learns."""
     try:
         return bytes(ForkingPickler.dumps(value))
@@ -351,16 +351,17 @@ class Processes(ThreadPoolExecutor):
         for _ in range(count if at_once else 0):  # they import what they need while this process prepares their pieces
             self.submit(_ready)
 
-    def send(self, value: Any) -> _Sent:
+    def send(self, value: object) -> _Sent:
         """A ticket that stands for `value` in calls; the value goes to each process once."""
         self._values.append(_packed(value))
         return _Sent(len(self._values) - 1)
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
+    def submit(self, fn: Callable[..., Result], /, *args: object, **kwargs: object) -> Future[Result]:
         tickets = [a for a in args if isinstance(a, _Sent)]
-        return super().submit(self._in_process, _packed((fn, args, kwargs)), tickets)
+        future = super().submit(self._in_process, _packed((fn, args, kwargs)), tickets)
+        return cast("Future[Result]", future)  # what the other process sends back
 
-    def _in_process(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> Any:
+    def _in_process(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> object:
         try:
             return self._try(packed, tickets)
         except BrokenExecutor:
@@ -368,7 +369,7 @@ class Processes(ThreadPoolExecutor):
                 raise
             return self._try(packed, tickets)
 
-    def _try(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> Any:
+    def _try(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> object:
         slot = self._slot
         if slot.pool is None:
             slot.pool = ProcessPoolExecutor(1, self._context, initializer=_begin, initargs=(self._read, self._needs))
@@ -392,7 +393,7 @@ class Processes(ThreadPoolExecutor):
         self._write.close()
         self._read.close()
 
-    def __exit__(self, kind: type[BaseException] | None, *others: Any) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *others: object) -> None:
         if kind is not None:
             self._write.close()  # ends every process at once: pieces keep what they need to go on in files
         self.shutdown(cancel_futures=kind is not None)

@@ -89,7 +89,7 @@ def parameters_in(text: str) -> str:
     return _EFFECT.sub(lambda found: EFFECTS[found[1]], text)
 
 
-def config_of(stored: Mapping[str, Any]) -> dict[str, Any]:
+def config_of(stored: Mapping[str, object]) -> dict[str, Any]:
     """A stored configuration (its tables) with the names of now."""
     out = dict(stored)
     if isinstance(model := out.get("model"), Mapping):
@@ -99,7 +99,7 @@ def config_of(stored: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _tied(change: Any) -> Any:
+def _tied(change: object) -> object:
     """A parameter's stored change; what it is tied to is a name, too."""
     if isinstance(change, Mapping) and isinstance(change.get("tied"), str):
         return {**change, "tied": parameters_in(change["tied"])}

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 import pytest
 from markupsafe import Markup
+from scipy import special
 
 from bayes_iwan.campaign import Campaign, Record, average, read_campaign, write_campaign
 from bayes_iwan.inference.setup.loop_scales import Scales
@@ -35,6 +36,25 @@ def measured():
         return read_campaign(SHARED / name)
 
     return read
+
+
+@pytest.fixture(scope="session")
+def density_ratio():
+    """By how much exp(Σ c_k π_k(p)) / Z, π_k the orthonormal Legendre polynomials on [0, 1], makes a density grow at
+    its quantile p: (draws, …) for coefficients (draws, order)."""
+
+    def ratio(coefficients, p):
+        def grown(at):
+            terms = (
+                np.multiply.outer(c, np.sqrt(2 * k + 1) * special.eval_legendre(k, 2.0 * at - 1.0))
+                for k, c in enumerate(coefficients.T, start=1)
+            )
+            return np.exp(sum(terms))
+
+        x, weight = np.polynomial.legendre.leggauss(64)
+        return grown(np.asarray(p)) / (0.5 * grown(0.5 + 0.5 * x) @ weight).reshape(-1, *([1] * np.ndim(p)))
+
+    return ratio
 
 
 @pytest.fixture(scope="session")

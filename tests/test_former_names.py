@@ -151,7 +151,7 @@ def test_every_name_of_before_leads_to_one_that_exists():
     model = Model(scales.reference, embedded=True)
     parameters = {p.name for p in model.parameters(scales)} | set(model.names) | set(NAMES)
     assert set(former_names.PARAMETERS.values()) <= parameters
-    kinds = [k for some in catalogue.variants((), model, form=True).values() for k in some]
+    kinds = [k for some in catalogue.variants((), model).values() for k in some]
     assert set(former_names.EFFECT_CLASSES.values()) <= {k.__name__ for k in kinds}
     own = {p.name for kind in kinds for p in kind(scales, ("a.csv",), 1.0).parameters}
     assert set(former_names._EFFECT_PARAMETERS.values()) <= own

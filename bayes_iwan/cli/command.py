@@ -34,7 +34,7 @@ class Command:
     examples: tuple[str, ...] = ()
 
 
-def argument(*flags: str, **options: Any) -> Argument:
+def argument(*flags: str, **options: object) -> Argument:
     """An argument as `argparse.add_argument` takes it."""
     return Argument(flags, options)
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -170,7 +169,7 @@ def offered_effects(
 ) -> dict[str, tuple[catalogue.Maker, ...]]:
     """What makes the effects on offer, by name."""
     conditions = conditions_of([x.extras for x in data.loops])
-    return catalogue.variants(extra, base, conditions, form=True) | {k.name: (k,) for k in catalogue.unlisted(base)}
+    return catalogue.variants(extra, base, conditions) | {k.name: (k,) for k in catalogue.unlisted(base)}
 
 
 def _clocked(some: Sequence[catalogue.Maker]) -> bool:
@@ -389,6 +388,6 @@ def diagnose_campaign(
         bar.close()
 
 
-def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, Any]:
+def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, object]:
     """Diagnose and write `diagnosis.json` and `fits.json` only: what the withheld protocol asks for."""
     return write_answer(diagnose_campaign(campaign, seed=seed, quick=quick), Path(out))

@@ -17,7 +17,7 @@ verdict names the effect, the report also the law.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from scipy import fft, stats
@@ -189,7 +189,7 @@ class Effect:
     bench: ClassVar[str] = ""  # what on the bench would tell it from its look-alikes
     remedy: ClassVar[str] = ""  # what an engineer can do about it, in one sentence; "" where there is nothing
 
-    def __init_subclass__(cls, **options: Any) -> None:
+    def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)
         for name in former_names.EFFECT_MEMBERS:
             if name in vars(cls):

@@ -35,22 +35,20 @@ def variants(
     extra: Sequence[type[Effect]] = (),
     simulator: Simulator | None = None,
     conditions: Mapping[str, tuple[float, ...]] | None = None,
-    form: bool = False,
 ) -> dict[str, tuple[Maker, ...]]:
     """What makes effects of each name, one for each law. Raises EffectError if a name is taken or the simulator does
     not offer what an extra effect acts on.
 
     extra : a user's own classes; simulator : only effects whose stages it offers, and what the paper adds to an Iwan
     model that lacks it; conditions : what each test states, by name
-    (:func:`bayes_iwan.effects.conditions.conditions_of`), which slip forces, stiffness and zero may follow; form : are
-    causes in the base's form (:data:`FORM`) on offer?
+    (:func:`bayes_iwan.effects.conditions.conditions_of`), which slip forces, stiffness and zero may follow.
     """
     out: dict[str, tuple[Maker, ...]] = {}
 
     def fits(effect: type[Effect]) -> bool:
         return simulator is None or offered(stages_of(effect), simulator)
 
-    for effect in (*BUILT_IN, *(FORM if form else ()), *missing_terms(simulator)):
+    for effect in (*BUILT_IN, *FORM, *missing_terms(simulator)):
         if not fits(effect):
             continue
         out[effect.name] = (*out.get(effect.name, ()), effect)

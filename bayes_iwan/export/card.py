@@ -5,7 +5,6 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 
@@ -55,7 +54,7 @@ class Card:
     target: tuple[str, ...] = ()
     cite: str = CITATION
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """What model_card.json holds."""
         return {"schema": 1} | asdict(self)
 

@@ -9,7 +9,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -45,7 +44,7 @@ class ExportedModel:
         free parameters and their covariance (n, n) over the draws.
     """
 
-    card: Mapping[str, Any]
+    card: Mapping[str, object]
     model: Model
     effects: tuple[Effect, ...]
     values: ParameterValues
@@ -140,8 +139,8 @@ def read(path: Path) -> ExportedModel:
         raise ExportError(f"{path}: damaged ({type(error).__name__}: {said}); export the model again") from None
 
 
-def _effects(stored: Sequence[Mapping[str, Any]], scales: Scales, model: Model) -> tuple[Effect, ...]:
-    kinds = [k for some in catalogue.variants((), model, form=True).values() for k in some]
+def _effects(stored: Sequence[Mapping[str, object]], scales: Scales, model: Model) -> tuple[Effect, ...]:
+    kinds = [k for some in catalogue.variants((), model).values() for k in some]
     classes = {k.__name__: k for k in (*kinds, *conditions.EFFECTS) if isinstance(k, type)}
     out = []
     for e in map(former_names.effect_of, stored):

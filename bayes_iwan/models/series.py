@@ -34,15 +34,6 @@ def deviation_basis(order: int, p: Array) -> Array:
     return np.stack([math.sqrt(2 * k + 1.0) * legendre.Legendre.basis(k)(x) for k in range(1, order + 1)])
 
 
-def density_ratio(coefficients: Array, p: Array) -> Array:
-    """(draws, …) by how much the slip-force density grows at quantile p (…); coefficients (draws, order)."""
-    order = coefficients.shape[1]
-    x, weight = legendre.leggauss(64)
-    whole = 0.5 * np.exp(coefficients @ deviation_basis(order, 0.5 + 0.5 * x)) @ weight
-    grown = np.exp(np.tensordot(coefficients, deviation_basis(order, p), axes=1))
-    return grown / whole.reshape(-1, *([1] * np.ndim(p)))
-
-
 @cache
 def _cells_basis(order: int) -> tuple[Array, Array]:
     """The basis at the Gauss points of all cells of p, (order, 3 cells), and at their ends, (order, cells + 1)."""

@@ -10,7 +10,7 @@ sit at the bracketed stages; the outer ones apply to any simulator, the inner on
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +112,7 @@ class Simulator(ABC):
 
     stages: frozenset[str] = frozenset()
 
-    def __init_subclass__(cls, **options: Any) -> None:
+    def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)
         for name in former_names.SIMULATOR_MEMBERS:
             if name in vars(cls):

@@ -2,11 +2,14 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING
 
 from bayes_iwan.arrays import wrapped
 from bayes_iwan.errors import nearest
 from bayes_iwan.inference.results.posterior import Posterior
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class PosteriorPlots:
@@ -15,7 +18,7 @@ class PosteriorPlots:
     def __init__(self, posterior: Posterior) -> None:
         self._posterior = posterior
 
-    def __getattr__(self, name: str) -> Callable[..., Any]:
+    def __getattr__(self, name: str) -> Callable[..., "Figure"]:
         if name.startswith("_"):
             raise AttributeError(name)
         from bayes_iwan.report import plot  # matplotlib takes a second: not before something is drawn

@@ -40,7 +40,7 @@ _ENVIRONMENT = Environment(
 )  # fmt: skip
 
 
-def template(name: str, **values: Any) -> Markup:
+def template(name: str, **values: object) -> Markup:
     """One of the folder's templates, filled in; values are escaped unless they are Markup."""
     return Markup(_ENVIRONMENT.get_template(name).render(**values))
 
@@ -106,12 +106,12 @@ class Body:
     body: list[Markup | Picture] = field(default_factory=list)
     figures: dict[str, Picture] = field(default_factory=dict)
 
-    def fill(self, section: Section[Any]) -> Body:
+    def fill(self, section: Section[object]) -> Body:
         """What a section says: its block's words in the campaign's own units, and what they ask for between them."""
         asked: list[Markup | Picture] = []
 
         def between(make: Callable[..., Body]) -> Callable[..., Markup]:
-            def call(*args: Any, **kwargs: Any) -> Markup:
+            def call(*args: object, **kwargs: object) -> Markup:
                 make(*args, **kwargs)
                 asked.append(self.body.pop())
                 return Markup(f"<{len(asked) - 1}>")  # no text of a file can look so: all of them are escaped

@@ -205,7 +205,7 @@ class _Aside:
 
     def ask(self, *message: Any) -> Future[Any]:
         """The answer to come. What is asked is read here and now: the caller may go on to change it."""
-        answer: Future[Any] = Future()
+        answer: Future[object] = Future()
         try:
             content = bytes(ForkingPickler.dumps(message))
         except Exception as error:  # whatever a figure may hold that cannot travel
@@ -257,7 +257,7 @@ def serve() -> None:
                 case (settings,):
                     with warnings.catch_warnings(action="ignore"):  # the caller has heard them
                         mpl.rcParams.update(settings)
-                    answer: Any = None
+                    answer: object = None
                 case (order, figure):
                     answer = batch.draw(order, figure)
                 case _:

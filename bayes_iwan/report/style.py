@@ -106,7 +106,7 @@ class Shown(Figure):
     for_phone: Callable[[], Figure] | None = None
     one_label = False  # do panels that lie below one another share the first one's label?
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         state: Any = super().__getstate__()
         return {**state, "for_phone": None}  # a function within one, which does not travel
 
@@ -146,7 +146,9 @@ def styled(make: F) -> F:
     """
 
     @wraps(make)
-    def inner(*args: Any, style: Any = None, width: str | float | None = None, ax: Any = None, **kwargs: Any) -> Figure:
+    def inner(
+        *args: object, style: Any = None, width: str | float | None = None, ax: object = None, **kwargs: Any
+    ) -> Figure:
         if isinstance(width, str):
             if width not in WIDTHS:
                 raise StyleError(f"width={width!r}: not known; use {', '.join(map(repr, WIDTHS))} or inches")
@@ -215,7 +217,7 @@ def series(index: int) -> dict[str, Any]:
     return {"color": _SERIES[index % len(_SERIES)], "linestyle": _DASHES[index % len(_DASHES)]}
 
 
-def points(index: int) -> dict[str, Any]:
+def points(index: int) -> dict[str, object]:
     """Colour and marker of the index-th of several sets of points."""
     return {"color": _SERIES[index % len(_SERIES)], "marker": _MARKERS[index % len(_MARKERS)]}
 

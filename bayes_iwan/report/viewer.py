@@ -1,7 +1,5 @@
 """The data from which the loop viewer of a page draws one chosen test."""
 
-from typing import Any
-
 import numpy as np
 
 from bayes_iwan.arrays import Array
@@ -44,7 +42,7 @@ def _cycles(loop: Loop, tests: int, zero_N: float, places: tuple[int, int]) -> l
     return cycles
 
 
-def viewer_data(p: Predictive) -> dict[str, Any]:
+def viewer_data(p: Predictive) -> dict[str, object]:
     """What the viewer needs of each test, rounded to what a screen can show."""
     tests = []
     for t, loop in enumerate(p.loops):
@@ -100,7 +98,7 @@ def _step(found: Diagnosis) -> int:
     return max(1, found.data.loops[0].displacement_mm.size // SAMPLES)
 
 
-def effect_viewer_data(found: Diagnosis) -> dict[str, Any]:
+def effect_viewer_data(found: Diagnosis) -> dict[str, object]:
     """:func:`viewer_data` of a diagnosed model with each named effect in it and without it.
 
     "effects" : their names; in each test, in the place of model, draws and bands, "sets" : the predicted force for each

@@ -36,7 +36,6 @@ class Chains:
     log_prob: Array  # (ensembles, stored, walkers)
     quantities: Array  # (ensembles, stored, walkers, len(quantity_names))
     n_steps: int
-    acceptance: float
     convergence: Convergence | None
     converged: bool
     message: str

@@ -163,7 +163,7 @@ class EnsembleRun:
         self.blocks += 1
         return out
 
-    def pilot(self, bar: tqdm[Any]) -> None:
+    def pilot(self, bar: tqdm[object]) -> None:
         """Bring the walkers to the posterior and choose their moves."""
         which = np.arange(self.n_ensembles)[:, None] + self.n_ensembles * np.arange(WALKERS)
         self._place(self._starts[which.ravel() % len(self._starts)])
@@ -281,7 +281,6 @@ class EnsembleRun:
         if stop is Stop.INTERRUPTED and len(z) >= 8:
             result = self.convergence(z, other)
             short = plan.shortfall(result, taus)
-        moved = np.any(np.diff(z, axis=0) != 0.0, axis=2) if len(z) > 1 else np.zeros(1)
         return Chains(
             names=plan.names,
             quantity_names=plan.quantity_names,
@@ -289,7 +288,6 @@ class EnsembleRun:
             log_prob=self.by_ensemble(log_prob),
             quantities=self.by_ensemble(other),
             n_steps=steps,
-            acceptance=float(np.mean(moved)),
             convergence=result,
             converged=not short,
             message=said if not short else f"not converged: {said}; {short}",

@@ -51,7 +51,7 @@ class Case:
     friction_rms_N: float
     noise_share: float
 
-    def truth(self, name: str) -> dict[str, Any]:
+    def truth(self, name: str) -> dict[str, object]:
         """The case's truth, ready to be sealed: plain numbers, strings, lists and mappings."""
 
         return {

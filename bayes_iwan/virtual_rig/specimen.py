@@ -9,7 +9,6 @@ normal force have slightly other shapes.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -63,9 +62,9 @@ class Specimen:
         """The same specimen with both springs multiplied by `stiffness` (a remount, a warm rope)."""
         return replace(self, parallel_N_mm=stiffness * self.parallel_N_mm, contact_N_mm=stiffness * self.contact_N_mm)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """What a truth file says of it; the slip forces as deciles of φ (N, at rest, per unit share)."""
-        out: dict[str, Any] = {k: v for k, v in asdict(self).items() if np.isscalar(v)}
+        out: dict[str, object] = {k: v for k, v in asdict(self).items() if np.isscalar(v)}
         per_share = self.slip_share_N / self.stiffness_share
         out["slip_force_N"] = float(self.slip_share_N.sum())
         out["slip_deciles_N"] = [round(float(q), 6) for q in np.quantile(per_share, np.linspace(0, 1, 11))]

@@ -35,7 +35,7 @@ class _Task:
     quick: bool
 
 
-def read_diagnosis(folder: Path) -> dict[str, Any]:
+def read_diagnosis(folder: Path) -> dict[str, object]:
     """A finished `diagnosis.json`. Raises `WithheldError` if it lacks a verdict or probabilities."""
     diagnosis = read_json(folder / "diagnosis.json")
     if not isinstance(diagnosis, dict) or not {"verdict", "probabilities"} <= set(diagnosis):
@@ -89,7 +89,7 @@ def answer(
     target = out / "answers.json"
     cases = hashlib.sha256(json.dumps(commitments(directory), sort_keys=True).encode()).hexdigest()
     settings = {"schema": 2, "cases": cases, "seed": seed, "quick": quick, "confined": confinement.available()}
-    answers: dict[str, Any] = {}
+    answers: dict[str, object] = {}
     if target.exists():
         earlier = read_json(target)
         if earlier.get("cases") != cases:
@@ -126,7 +126,7 @@ def _module_of(diagnose: Diagnose) -> str:
     return Path(str(sys.modules["__main__"].__file__)).stem
 
 
-def _answer_one(task: _Task, name: str) -> dict[str, Any]:
+def _answer_one(task: _Task, name: str) -> dict[str, object]:
     """Start a process for one case, wait for it, read what it wrote."""
     folder = task.out / name
     folder.mkdir(parents=True, exist_ok=True)
@@ -134,7 +134,7 @@ def _answer_one(task: _Task, name: str) -> dict[str, Any]:
     scratch = confinement.temporary_folder()
     cache = task.out / _CACHE
     cache.mkdir(exist_ok=True)
-    order: dict[str, Any] = {
+    order: dict[str, object] = {
         "module": task.module,
         "function": task.function,
         "campaign": str(task.directory / name),

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -127,7 +126,7 @@ class CaseScore:
 
 
 def score_case(
-    name: str, truth: Truth, answer: Mapping[str, Any] | None, found: Mapping[str, float] | None = None
+    name: str, truth: Truth, answer: Mapping[str, object] | None, found: Mapping[str, float] | None = None
 ) -> CaseScore:
     """Compare one answer (the content of a `diagnosis.json`, or None) with the truth.
 

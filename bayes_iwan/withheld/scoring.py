@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -76,7 +75,7 @@ class Score:
             for c in self.cases
         )
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Plain numbers for JSON; nan becomes None."""
         rows, columns, counts = confusion(self.cases)
         return {
@@ -106,7 +105,7 @@ def _split_lines(title: str, heads: tuple[str, str], parts: Mapping[str, tuple[E
     return lines + [f"  {label:42s} {first.text():34s} {second.text()}" for label, (first, second) in parts.items()]
 
 
-def _case(c: CaseScore) -> dict[str, Any]:
+def _case(c: CaseScore) -> dict[str, object]:
     return {
         "name": c.name,
         "kind": c.kind,
@@ -140,8 +139,8 @@ def _plain(value: object) -> object:
 
 
 def score_answers(
-    truths: Mapping[str, Mapping[str, Any]],
-    answers: Mapping[str, Mapping[str, Any]],
+    truths: Mapping[str, Mapping[str, object]],
+    answers: Mapping[str, Mapping[str, object]],
     *,
     found: Mapping[str, Mapping[str, float]] | None = None,
     excluded: Sequence[str] = (),
@@ -175,7 +174,7 @@ def score_answers(
     )
 
 
-def read_answers(path: Path) -> dict[str, dict[str, Any]]:
+def read_answers(path: Path) -> dict[str, dict[str, object]]:
     """Answers by case from {"answers": {case: diagnosis}} or {case: diagnosis}. Raises `WithheldError`."""
     content = read_json(path)
     given = content.get("answers", content) if isinstance(content, dict) else None

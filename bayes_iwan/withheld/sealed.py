@@ -72,7 +72,7 @@ def commitment(truth: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(truth, sort_keys=True).encode()).hexdigest()
 
 
-def matches(truth: Mapping[str, Any], sealed: str) -> bool:
+def matches(truth: Mapping[str, object], sealed: str) -> bool:
     """Whether `sealed` is a commitment to this truth, in any of the usual spellings of JSON with sorted keys."""
     spellings: tuple[dict[str, Any], ...] = (
         {},
@@ -175,7 +175,11 @@ def make(
         truths[name] = truth
     source = {"entropy": entropy} if seed is None else {"seed": seed}
     write_json(apart / "truth.json", {"schema": 2, **source, "cases": truths})
-    public: dict[str, Any] = {"rule": RULE, "sealed": seed is None, "cases": {k: commitment(truths[k]) for k in names}}
+    public: dict[str, object] = {
+        "rule": RULE,
+        "sealed": seed is None,
+        "cases": {k: commitment(truths[k]) for k in names},
+    }
     if seed is None:
         public["entropy"] = hashlib.sha256(entropy.encode()).hexdigest()
     write_json(out / "commitments.json", public)
@@ -208,7 +212,7 @@ def case_names(directory: Path) -> list[str]:
 # ---- opening the seals
 
 
-def read_truths(path: Path | str) -> dict[str, dict[str, Any]]:
+def read_truths(path: Path | str) -> dict[str, dict[str, object]]:
     """The truths in a truth file: {"cases": {name: truth}}, {name: truth}, or a list of truths."""
     content = read_json(Path(path))
     if isinstance(content, dict) and isinstance(content.get("cases"), dict | list):
@@ -220,7 +224,7 @@ def read_truths(path: Path | str) -> dict[str, dict[str, Any]]:
     return content
 
 
-def check_seals(directory: Path | str, truths: Mapping[str, Mapping[str, Any]]) -> None:
+def check_seals(directory: Path | str, truths: Mapping[str, Mapping[str, object]]) -> None:
     """Check every truth against its commitment, and every campaign against its truth, before anything is scored.
 
     Raises `WithheldError` that names the cases whose truth or data is not what was sealed.
@@ -247,7 +251,7 @@ def sealed_tests(truth_file: Path, name: str) -> Path:
     return next((x for x in found if x.is_dir()), found[0])
 
 
-def check_sealed_tests(name: str, folder: Path, truth: Mapping[str, Any]) -> None:
+def check_sealed_tests(name: str, folder: Path, truth: Mapping[str, object]) -> None:
     """Raise `WithheldError` if the sealed tests of a case are not those that were sealed with its truth."""
     hashes = next((truth[k] for k in ("sealed_data", *former_names.TRUTH) if k in truth), None)
     if hashes is not None and file_hashes(folder) != hashes:

@@ -73,7 +73,7 @@ class Truth:
         return not cause.visible <= self.noise
 
 
-def json_number(value: Any) -> float:
+def json_number(value: object) -> float:
     """A JSON number, nan for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return float("nan")
@@ -83,7 +83,7 @@ def json_number(value: Any) -> float:
         return float("nan")
 
 
-def read_truth(name: str, truth: Mapping[str, Any]) -> Truth:
+def read_truth(name: str, truth: Mapping[str, object]) -> Truth:
     """A case's truth from its JSON. Raises `WithheldError` that names the case if it is of neither form."""
     try:
         return _ours(truth) if "effects" in truth else _first_set(truth)

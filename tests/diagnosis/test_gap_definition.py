@@ -6,13 +6,6 @@ import pytest
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import LOOP, residual_of
 from bayes_iwan.inference.results.predictions import residual_size
-from bayes_iwan.inference.setup.loop_error import beyond_noise_N2
-
-
-def test_noise_is_taken_off_but_no_more_than_there_is():
-    residual, noise = np.array([4.0, 1.0]), np.array([1.0, 2.0])
-    assert beyond_noise_N2(residual, noise) == pytest.approx([3.0, -1.0])
-    assert beyond_noise_N2(residual, 10.0 * noise).sum() == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("effect", ["viscous_damping", None])

@@ -6,7 +6,6 @@ from scipy import optimize
 
 from bayes_iwan.effects.model_form import EFFECTS, NormalForceFree, SlipForcesFree, StiffnessLawFree
 from bayes_iwan.models import Model, sine_motion
-from bayes_iwan.models.series import density_ratio
 from bayes_iwan.models.simulator import recorded_force
 
 AT = sine_motion(frequency_hz=10.0, amplitude_mm=[0.15, 0.35, 0.9], samples=64)
@@ -51,7 +50,7 @@ def test_tilt_of_one_gamma_takes_up_slip_forces_with_a_limit(kit):
     assert np.abs(freed.x[4:]).max() < 3.0
 
 
-def test_reported_size_is_the_share_by_which_the_density_differs(kit):
+def test_reported_size_is_the_share_by_which_the_density_differs(kit, density_ratio):
     effect = SlipForcesFree(kit.scales)
     c = np.array([0.05, -0.04, 0.02, 0.0, 0.03])
     told = effect.reported(coefficients(effect, c))

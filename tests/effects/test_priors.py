@@ -73,7 +73,7 @@ def table() -> dict:
 @pytest.mark.parametrize("name", sorted({kind.__name__ for kind in KINDS}))
 def test_priors_are_those_that_were_measured(name):
     kept, now = json.loads(TABLE.read_text(encoding="utf-8")), table()
-    assert sorted(kept) == sorted(now)
+    assert name in kept, "a new effect: write the table anew"
     assert sorted(kept[name]) == sorted(now[name])
     for key, value in kept[name].items():
         if isinstance(value, dict):

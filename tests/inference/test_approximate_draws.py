@@ -14,18 +14,20 @@ ROOT = 2.0  # N/mm, to the half
 
 
 class Squared(Simulator):
-    """A spring of stiffness a²: +a and −a fit alike, and the prior of a alone tells them apart."""
+    """A spring of stiffness a², or (s a)² below zero: two values of a fit alike, told apart by the prior, and by s as
+    the data leave the steeper side less room."""
 
     name = "squared"
 
-    def __init__(self, middle, sd):
-        self.prior = stats.norm(middle, sd)
+    def __init__(self, middle, sd, steep=1.0):
+        self.prior, self.steep = stats.norm(middle, sd), steep
 
     def parameters(self, scales):
         return (Parameter("a", "a", "(N/mm)^½", "root of the stiffness", self.prior),)
 
     def force(self, parameter_values, motion, effects=()):
-        return parameter_values["a"][:, None, None] ** 2 * motion.displacement_mm
+        a = parameter_values["a"][:, None, None]
+        return np.where(a < 0.0, self.steep * a, a) ** 2 * motion.displacement_mm
 
 
 @pytest.fixture(scope="module")
@@ -36,15 +38,19 @@ def loops(tmp_path_factory):
     return bi.read_campaign(folder).loops(n_phase=64, n_harmonics=20)
 
 
-@pytest.mark.parametrize(("middle", "sd", "found"), [(0.0, 1.0, 2), (0.25, 1.0, 2), (-0.4, 1.0, 2), (1.0, 0.4, 1)])
-def test_each_optimum_is_drawn_from_as_often_as_its_prior_says(loops, middle, sd, found):
-    problem = make_problem(loops, {}, Squared(middle, sd))
+@pytest.mark.parametrize(
+    ("middle", "sd", "steep", "found"),
+    [(0.0, 1.0, 1.0, 2), (0.25, 1.0, 1.0, 2), (-0.4, 1.0, 1.0, 2), (1.0, 0.4, 1.0, 1), (0.0, 1.0, 3.0, 2)],
+)
+def test_each_optimum_is_drawn_from_as_often_as_its_prior_and_width_say(loops, middle, sd, steep, found):
+    problem = make_problem(loops, {}, Squared(middle, sd, steep))
     u = np.array([x.displacement_mm for x in loops])
     problem = problem.with_force(ROOT**2 * u + 0.01 * np.random.default_rng(3).standard_normal(u.shape))
     optima, log_prob, _ = most_probable(problem, problem.prior.draw(np.random.default_rng(1), 24))
     near = near_optima(optima, log_prob)
     assert len(near) == found
     a = problem.parameter_values(approximate_draws(problem, near, 2000, (1, 2)))["a"]
-    np.testing.assert_allclose(np.abs(a), ROOT, rtol=0.02)
-    expected = 1.0 / (1.0 + np.exp(-2.0 * middle * ROOT / sd**2))
+    np.testing.assert_allclose(np.where(a < 0.0, -steep * a, a), ROOT, rtol=0.02)
+    prior = stats.norm(middle, sd).pdf
+    expected = 1.0 / (1.0 + prior(-ROOT / steep) / (steep * prior(ROOT)))
     assert np.mean(a > 0.0) == pytest.approx(expected, abs=0.04)

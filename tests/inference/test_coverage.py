@@ -1,12 +1,7 @@
 """With a small smooth discrepancy correlated errors give intervals that cover; independent ones do not (at reduced
 size)."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "analyses"))
 
 
 def test_a_smooth_misfit_needs_correlated_errors():

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency, held_out_frequencies, held_out_said
+from bayes_iwan.inference.results.held_out_frequencies import (
+    HeldOutFrequency,
+    held_out_frequencies,
+    held_out_said,
+    predicted,
+)
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import most_probable
 
@@ -43,6 +48,17 @@ def test_a_frequency_of_another_force_is_not_held_and_is_named(loops):
     found = held_out_frequencies(problem, optima_of(problem))
     assert max(x.points_90 for x in found) < 0.5
     assert "at 20 Hz only" in held_out_said(found) and "do not trust predictions there" in held_out_said(found)
+
+
+def test_mean_forces_which_drift_are_left_aside(loops):
+    """A zero of 2 N, and another of the frequency held out, are seen neither in the prediction nor in what it meets."""
+    off = [replace(x, force_N=x.force_N + (2.0 if x.frequency_hz < 15.0 else 5.0)) for x in loops]
+    problem = make_problem(off[:2], SETTINGS)
+    force, measured = predicted(problem, optima_of(problem)[0], off[2:], 1)
+    assert force.shape == (400, 2, 64) and np.abs(force.mean(axis=-1)).max() < 1e-9
+    assert measured == pytest.approx(np.stack([x.force_N - x.force_N.mean() for x in loops[2:]]))
+    middle = np.median(force, axis=0)
+    assert np.sqrt(np.mean((middle - measured) ** 2)) < 0.1 * np.sqrt(np.mean(measured**2))
 
 
 def test_one_frequency_alone_says_nothing(loops):

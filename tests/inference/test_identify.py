@@ -4,6 +4,7 @@ import csv
 import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -13,6 +14,7 @@ import bayes_iwan as bi
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.inference.each_frequency import FrequencyError, identify_frequencies
 from bayes_iwan.inference.identify import (
+    _posterior,
     identify_campaign,
     identify_loops,
     identify_problem,
@@ -363,6 +365,33 @@ def test_quick_draws_lie_along_the_posterior_and_have_no_chains(run):
         assert abs(np.mean(near[name]) - np.mean(full[name])) < 0.3 * sd, name
         assert np.std(near[name]) == pytest.approx(sd, rel=0.25), name
     assert quick.residual_size().share == pytest.approx(run[0].residual_size().share, rel=0.02)
+    assert quick.z.shape == (4, 500, problem.ndim) and quick.log_prob.shape == (4, 500)
+
+
+def test_every_draw_that_is_kept_stands_beside_its_density(run):
+    """Of the sampler and of the approximation, and as many as were asked for, about."""
+    sampled = run[0]
+    for posterior in (sampled, identify_problem(sampled.problem, 1, config=SMALL, progress=False, quick=True)):
+        flat = posterior.problem.log_prob(posterior.z.reshape(-1, posterior.ndim))
+        np.testing.assert_allclose(posterior.log_prob.ravel(), flat, rtol=1e-9)
+    ensembles, kept, _ = sampled.z.shape
+    assert ensembles == 2 and kept % sampled.walkers == 0 and 0.5 * 1000 < ensembles * kept < 2.0 * 1000
+
+
+@pytest.mark.parametrize(("asked", "every"), [(10, 4), (1000, 4), (2 * 24 * 64 // 3, 3), (10**6, 1)])
+def test_thinned_draws_keep_the_last_step_and_enough_for_diagnostics(asked, every):
+    """About as many as were asked for, but at least sixteen steps of each walker."""
+    draws = np.random.default_rng(0).standard_normal((2, 64, 24, 3))
+    chains = SimpleNamespace(
+        draws=draws, log_prob=draws[..., 0], convergence=None, independent=False, converged=True, message="", stop=None
+    )
+    settings = SimpleNamespace(sampling=SimpleNamespace(draws=asked, between_tests=False))
+    found = _posterior(SimpleNamespace, None, chains, None, settings, {})
+    steps = found.z.reshape(2, 24, -1, 3)
+    assert found.thin == every and steps.shape[2] == -(-64 // every)
+    np.testing.assert_array_equal(steps[:, :, -1], draws[:, -1])
+    np.testing.assert_array_equal(steps[:, :, -2], draws[:, -1 - every])
+    np.testing.assert_array_equal(found.log_prob, found.z[..., 0])
 
 
 def test_intervals_are_quantiles_of_the_draws(run):

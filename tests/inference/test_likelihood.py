@@ -9,7 +9,13 @@ from scipy import stats
 from bayes_iwan.inference.setup import discrepancy, likelihood
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.likelihood import KINDS, make_likelihood
-from bayes_iwan.inference.setup.loop_error import friction_level_N, goal_function, harmonics_of, paper_weights
+from bayes_iwan.inference.setup.loop_error import (
+    beyond_noise_N2,
+    friction_level_N,
+    goal_function,
+    harmonics_of,
+    paper_weights,
+)
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.spectrum import between_tests, discrepancy_spectrum
 from bayes_iwan.inference.solving.point import laplace_scale
@@ -27,6 +33,12 @@ def test_goal_of_eq_8_by_hand():
     r = np.array([[[0.1, -0.2, 0.3], [1.0, -1.0, 2.0]]])
     expected = (1.2 * 0.1 + 1.0 * 0.2 + 0.2 * 0.3) / (0.5 * 3) + (1.2 + 1.2 + 0.2 * 2.0) / (2.0 * 3)
     assert goal_function(r, u, np.array([0.5, 2.0]))[0] == pytest.approx(expected)
+
+
+def test_noise_is_taken_off_but_no_more_than_there_is():
+    residual, noise = np.array([4.0, 1.0]), np.array([1.0, 2.0])
+    assert beyond_noise_N2(residual, noise) == pytest.approx([3.0, -1.0])
+    assert beyond_noise_N2(residual, 10.0 * noise).sum() == pytest.approx(0.0)
 
 
 def hand_written_goal(problem, residual, squared):

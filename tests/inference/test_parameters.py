@@ -1,8 +1,6 @@
 """Coordinates: z is the prior's normal score, so densities, bounds, ties and Jacobians must be exact."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +9,6 @@ from scipy import stats
 from bayes_iwan.inference.setup.config import ConfigError, settings_of
 from bayes_iwan.inference.setup.priors import Parameter, ParameterError, Prior, configured
 from bayes_iwan.inference.setup.problem import make_problem
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "analyses"))
-
 from paper_coordinates import PaperCoordinates
 
 PRIORS = {

@@ -6,7 +6,7 @@ from scipy import stats
 
 from bayes_iwan.comparison.shrinkage import shrunk
 from bayes_iwan.comparison.unusual import rank_unusual
-from bayes_iwan.inference.results.population import SpecimenDraws, population
+from bayes_iwan.inference.results.population import SpecimenDraws, coordinate_of, population
 
 
 def drawn(rng, n, middle, spread, error, prior=(0.0, 3.0)):
@@ -99,6 +99,18 @@ def test_a_quantity_of_either_sign_and_too_few_specimens():
     assert not found.relative and found.typical[1] < 0.05 < found.typical[2]
     assert population(some[:2]) is None
     assert population([SpecimenDraws("c", np.ones(10), np.ones(10))] * 4) is None
+
+
+@pytest.mark.parametrize(("law", "positive"), [(stats.gamma(1.5, scale=2.0), False), (stats.lognorm(0.7), True)])
+def test_the_scale_of_a_prior_is_its_normal_score_and_goes_on_beyond(law, positive):
+    prior = law.rvs(200_000, random_state=np.random.default_rng(3))
+    scale = coordinate_of(prior, positive)
+    z = np.linspace(-2.0, 2.0, 17)
+    assert scale.value(z) == pytest.approx(law.ppf(stats.norm.cdf(z)), rel=0.02)
+    beyond = np.array([-3.0, -2.0, 2.0, 3.0, 5.0])
+    assert scale.z(scale.value(beyond)) == pytest.approx(beyond)
+    x = np.log(scale.value(beyond)) if positive else scale.value(beyond)
+    assert x[4] - x[3] == pytest.approx(2.0 * (x[3] - x[2]))  # a straight line
 
 
 def test_draws_too_far_apart_for_doubles_have_no_population():

@@ -1,11 +1,20 @@
 """Predictions at conditions that no test had are marked, or refused where they mean nothing."""
 
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from bayes_iwan.inference.results.predictions import Extrapolation, PredictionError, predicted_at
+from bayes_iwan.inference.results.predictions import (
+    Extrapolation,
+    PredictionError,
+    predicted_at,
+    replicated,
+    residual_size,
+    resolved,
+)
 
 
 @pytest.fixture(scope="module")
@@ -52,3 +61,45 @@ def test_extrapolation_is_said_and_stays_with_the_prediction(predict, f, a, said
 def test_what_means_nothing_is_refused(predict, f, a, said):
     with pytest.raises(PredictionError, match=said):
         predict(f, a)
+
+
+def test_noise_that_is_shown_has_no_mean_and_no_harmonic_that_was_not_resolved():
+    """A loop whose noise is known for harmonics 0 to 5 alone: of a mean and harmonics 1, 5 and 7 two are kept."""
+    turn = 2.0 * np.pi * np.arange(64) / 64
+    kept = 0.4 * np.cos(turn + 1.0) + 0.2 * np.sin(5.0 * turn)
+    loops = [SimpleNamespace(noise_N=np.full(6, 0.1)), SimpleNamespace(noise_N=np.array([0.1, 0.1, np.nan]))]
+    found = resolved(np.tile(kept + 3.0 + 0.3 * np.cos(7.0 * turn), (2, 2, 1)), loops)
+    assert found[:, 0] == pytest.approx(np.tile(kept, (2, 1)))
+    assert found[:, 1] == pytest.approx(np.tile(0.4 * np.cos(turn + 1.0), (2, 1)))
+
+
+def test_residual_and_gap_of_a_known_misfit(problem, known):
+    """Half the square of each harmonic that is missed, the mean left aside, less what the noise of the mean loop is."""
+    z = known.true_z(problem)
+    missed = 0.3 * np.sin(3.0 * problem.loops[0].phase * 2.0 * np.pi) + 0.1 * np.cos(
+        4.0 * problem.loops[0].phase * 2.0 * np.pi
+    )
+    off = problem.with_force(problem.predict(z)[0] + missed + 0.5)
+    found = residual_size(off, np.repeat(z, 3, axis=0))
+    power = 0.5 * (0.3**2 + 0.1**2)
+    noise = np.mean([np.nansum(np.where(np.isfinite(x.noise_N), x.noise_N, 0.0)[1:] ** 2) for x in problem.loops])
+    friction = problem.friction_force(problem.parameter_values(z))[0]
+    level = np.sqrt(np.mean(friction**2))
+    assert found.rms_N == pytest.approx(np.sqrt(power)) and noise > 1e-4 * power
+    assert found.gap_N == pytest.approx(np.sqrt(power - noise))
+    assert found.share == pytest.approx(np.sqrt(power) / level, rel=1e-3)
+    assert found.gap_share / found.share == pytest.approx(found.gap_N / found.rms_N)
+
+
+def test_means_of_new_measurements_wander_as_those_of_the_tests_did(problem, known):
+    """Student's t with a degree of freedom less than there are tests, as wide as their means lie from the median."""
+    z, tests = known.true_z(problem), len(problem.loops)
+    apart = np.array([0.3, -0.2, 0.1, -0.4, 0.2, 0.25, -0.3, 0.1, 0.15])[:tests]
+    off = problem.with_force(problem.predict(z)[0] + apart[:, None])
+    values = {k: np.repeat(v, 4000) for k, v in off.parameter_values(z).items()}
+    force = np.repeat(off.predict(z), 4000, axis=0)
+    found = replicated(off, force, values, np.random.default_rng(1)).mean(axis=-1) - force.mean(axis=-1)
+    allowed = off.likelihood.mean_error_N
+    scale = allowed * np.sqrt((1.0 + 1.0 / tests) * np.sum((apart / allowed) ** 2) / (tests - 1))
+    for column, width in zip(found.T, scale):
+        assert stats.kstest(column / width, stats.t(tests - 1).cdf).pvalue > 1e-4

@@ -39,6 +39,15 @@ def test_reach_is_what_amplitudes_and_band_allow(simple):
     assert reach.needed_mm == pytest.approx(gamma.ppf(1.0 - NEVER_SLIP) / 14.0, rel=1e-2)
 
 
+def test_smaller_amplitudes_reach_smaller_slip_forces(known):
+    some = make_problem([x for x in known.loops() if x.amplitude_mm < 0.8], SIMPLE)
+    reach = reach_of(some, at(some, 3.0))
+    largest = max(x.amplitude_mm for x in some.loops)
+    assert largest < 0.7 and reach.amplitudes_mm[1] == largest
+    assert reach.highest_N == pytest.approx(3.0 * largest, rel=1e-3)
+    assert reach.never_slip == pytest.approx(stats.gamma(ETA, scale=MEAN_N / ETA).sf(3.0 * largest), rel=0.02)
+
+
 @pytest.mark.parametrize("k1_N_mm", [1.5, 14.0])
 def test_what_never_slips_leaves_kp_and_the_slip_forces_to_the_family(simple, k1_N_mm):
     share = stats.gamma(ETA, scale=MEAN_N / ETA).sf(k1_N_mm * 1.0)

@@ -4,19 +4,13 @@ The whole comparison (limits of the machine, usual ways, errors) is `python anal
 run here at a few draws.
 """
 
-import sys
-from pathlib import Path
-
 import numba as nb
 import numpy as np
 import pytest
 
+import benchmark_forward
 from bayes_iwan.models import Model, sine_motion
 from bayes_iwan.models.bouc_wen import BoucWen
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "analyses"))
-
-import benchmark_forward
 
 DRAWS = 64
 

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 from bayes_iwan.models import Model, record_motion, sine_motion
-from bayes_iwan.models.kernels.elements import element_force, equal_probability_sliders
 from bayes_iwan.models.kernels.sliders import friction
 from bayes_iwan.models.slip_force import FAMILIES
+from jenkins_elements import element_force, equal_probability_sliders
 
 K, LARGEST = 10.0, 2.0  # N/mm; uniform slip forces up to 2 N
 

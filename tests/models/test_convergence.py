@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from bayes_iwan.models import Model, sine_motion
-from bayes_iwan.models.kernels.elements import element_force, equal_probability_sliders
 from bayes_iwan.models.motion import Motion
 from bayes_iwan.models.normal_force import ALPHA_FLOOR
+from jenkins_elements import element_force, equal_probability_sliders
 
 AMPLITUDES, FREQUENCIES = np.repeat([0.03, 0.1, 0.3, 0.6, 1.0], 2), np.tile([10.0, 20.0], 5)
 

@@ -40,13 +40,13 @@ def test_every_bend_changes_the_force(name):
     assert 1e-4 < np.sqrt(np.mean(change**2)) < 0.2
 
 
-def test_deviating_density_against_its_definition():
+def test_deviating_density_against_its_definition(density_ratio):
     """exp(Σ c π(F)) times the family's density, stretched so that the mean stays; survival and density agree."""
     base, n = FAMILIES["gamma2"], parameter_values(SLIP_TERMS)
     deviating = DeviatingSlipForce(base)
     phi = np.linspace(0.0, 6.0, 200_001)
     p = 1.0 - base.survival(phi, n)[0]
-    raw = base.density(phi[1:], n)[0] * series.density_ratio(np.array([SLIP_TERMS]), p[1:])[0]
+    raw = base.density(phi[1:], n)[0] * density_ratio(np.array([SLIP_TERMS]), p[1:])[0]
     mean = integrate.trapezoid(phi[1:] * raw, phi[1:])
     stretch = base.mean(n)[0] / mean
     below = 1.0 - integrate.cumulative_trapezoid(raw[::-1], -phi[:0:-1], initial=0.0)[::-1]

@@ -65,9 +65,9 @@ def predictions(data, problem, z):
 
 def test_same_names_and_same_main_numbers():
     effects = catalogue.variants()
-    assert set(CATALOGUE) == set(effects)
-    for name, variants in effects.items():
-        strength = {kind.strength[0] for kind in variants}
+    assert {*CATALOGUE, *(e.name for e in catalogue.FORM)} == set(effects)
+    for name in CATALOGUE:
+        strength = {kind.strength[0] for kind in effects[name]}
         assert KINDS[name].main in strength or name in STRENGTH, name
 
 

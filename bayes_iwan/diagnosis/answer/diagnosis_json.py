@@ -2,7 +2,6 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from bayes_iwan.diagnosis.answer.gap_findings import where_json
 from bayes_iwan.diagnosis.answer.result import Diagnosis
@@ -25,7 +24,7 @@ INVISIBLE = (
 )
 
 
-def to_dict(d: Diagnosis) -> dict[str, Any]:
+def to_dict(d: Diagnosis) -> dict[str, object]:
     """The schema of `diagnosis.json`, its texts in the campaign's own units (keys name the working units); numbers that
     are not finite become null when it is written.
 
@@ -35,7 +34,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
     """
     v, b = d.verdict, d.budget
     left = b.unexplained.share if v.causes else Share(1.0, 1.0, 1.0)
-    out: dict[str, Any] = {
+    out: dict[str, object] = {
         "schema": SCHEMA,
         "seed": d.seed,
         "quick": d.quick,
@@ -107,7 +106,7 @@ def _interval(share: Share | None) -> list[float] | None:
     return None if share is None else [share.low, share.high]
 
 
-def _cause(c: Cause) -> dict[str, Any]:
+def _cause(c: Cause) -> dict[str, object]:
     return {
         "name": c.name,
         "law": c.law,
@@ -129,7 +128,7 @@ def _cause(c: Cause) -> dict[str, Any]:
     }
 
 
-def _effect(d: Diagnosis, c: Cause) -> dict[str, Any]:
+def _effect(d: Diagnosis, c: Cause) -> dict[str, object]:
     f = c.figures
     return {
         "name": c.name,
@@ -141,7 +140,7 @@ def _effect(d: Diagnosis, c: Cause) -> dict[str, Any]:
     }
 
 
-def _considered(d: Diagnosis) -> list[dict[str, Any]]:
+def _considered(d: Diagnosis) -> list[dict[str, object]]:
     """Effects that are not named and not out of the question, the likeliest first; and why they are not named."""
     places = {f.name: f for f in d.found.figures}
     out = []
@@ -166,7 +165,7 @@ def ceiling_shrink(d: Diagnosis) -> float:
     return 1.0 - ceiling_N(d.residual) / before_N if before_N > 0.0 else 0.0
 
 
-def write_answer(d: Diagnosis, out: Path) -> dict[str, Any]:
+def write_answer(d: Diagnosis, out: Path) -> dict[str, object]:
     """Write `diagnosis.json` and `fits.json`; returns what the first holds. What was fitted with effects or a simulator
     that were no file's cannot be read back from `fits.json`."""
     answer = finite(to_dict(d))

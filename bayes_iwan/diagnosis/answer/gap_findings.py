@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,7 @@ def where_sentences(where: Where) -> list[str]:
     return [*out, f"Each finding is significant at 5 %, corrected for {where.count} statistics."]
 
 
-def where_json(where: Where, size: GapSize) -> dict[str, Any]:
+def where_json(where: Where, size: GapSize) -> dict[str, object]:
     """The "where" of a diagnosis as plain numbers."""
     kinds: defaultdict[str, list[Statistic]] = defaultdict(list)
     for statistic in where.statistics:
@@ -177,7 +176,7 @@ def pictures(residual: Residual, where: Where, size: GapSize) -> GapPictures:
     )
 
 
-def _statistic(x: Statistic, key: str) -> dict[str, Any]:
+def _statistic(x: Statistic, key: str) -> dict[str, object]:
     return {
         key: x.name,
         "gap_rms_N": x.gap_N,

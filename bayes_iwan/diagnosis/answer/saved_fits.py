@@ -74,7 +74,7 @@ class SavedFits:
     fits: Mapping[frozenset[str], SavedFit]
 
 
-def _plain(fit: Fit) -> dict[str, Any]:
+def _plain(fit: Fit) -> dict[str, object]:
     """A fit as JSON holds it."""
     return {
         "effects": [
@@ -200,7 +200,7 @@ def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
     extra = load_effects(stored.effects_file) if stored.effects_file else ()
     scales, file = stored.scales, stored.simulator_file
     simulator = load_simulator(file) if file else base_model(stored.settings, scales)
-    kinds = [k for some in variants(extra, simulator, form=True).values() for k in some]
+    kinds = [k for some in variants(extra, simulator).values() for k in some]
     classes = {k.__name__: k for k in (*kinds, *UNLISTED, *conditions.EFFECTS) if isinstance(k, type)}
     files = tuple(x.file for x in data.loops)
     effects: list[Effect] = []

@@ -159,7 +159,7 @@ def _relative(campaign: Path, folder: Path) -> str:
         return ""
 
 
-def _attributes(posterior: Posterior, folder: Path) -> dict[str, Any]:
+def _attributes(posterior: Posterior, folder: Path) -> dict[str, object]:
     campaign = posterior.campaign
     return {
         "format": FORMAT,
@@ -186,8 +186,8 @@ def _attributes(posterior: Posterior, folder: Path) -> dict[str, Any]:
     }
 
 
-def _plain_point(point: Point) -> dict[str, Any]:
-    def plain(value: Any) -> Any:
+def _plain_point(point: Point) -> dict[str, object]:
+    def plain(value: object) -> object:
         if isinstance(value, np.ndarray):
             return value.tolist()
         if isinstance(value, tuple):

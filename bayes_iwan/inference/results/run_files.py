@@ -6,7 +6,6 @@ import json
 import os
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -58,14 +57,14 @@ def _cell(value: str | float) -> str:
     return "" if not np.isfinite(value) else f"{value:.8g}"
 
 
-def point_record(posterior: Posterior) -> dict[str, Any]:
+def point_record(posterior: Posterior) -> dict[str, object]:
     """The point estimate as plain numbers for point.json."""
     problem, point = posterior.problem, posterior.point
 
     def named(z: Array) -> dict[str, float]:
         return {name: float(q.values[0]) for name, q in sampled_and_derived(problem, z[None]).items()}
 
-    def history(search: GlobalOptimum) -> dict[str, Any]:
+    def history(search: GlobalOptimum) -> dict[str, object]:
         return {
             "objective": search.objective,
             "evaluations": search.n_evaluations,

@@ -47,7 +47,7 @@ NOISE = ("noise_scale", "noise_N", "discrepancy_share", "discrepancy_length")
 #: a whole number beyond this is a slip of the pen, and more than arrays can hold
 _LARGEST = 10**9
 #: what any function here takes: a TOML file, its tables, or settings already checked
-Config = IdentifySettings | Mapping[str, Any] | str | os.PathLike[str] | None
+Config = IdentifySettings | Mapping[str, object] | str | os.PathLike[str] | None
 
 
 class ConfigError(InputError):
@@ -154,7 +154,7 @@ def _tables(config: Config) -> tuple[dict[str, Any], str]:
         raise ConfigError(f"{config}: not a configuration: {str(error).splitlines()[0]}") from None
 
 
-def _filled(kind: type[S], table: str, given: Mapping[str, Any], where: str) -> S:
+def _filled(kind: type[S], table: str, given: Mapping[str, object], where: str) -> S:
     """The settings of one table, every key checked."""
     keys = given.get(table, {})
     if not isinstance(keys, Mapping):
@@ -181,7 +181,7 @@ def _checked(table: str, key: str, value: object, default: object, where: str) -
     return value
 
 
-def _changes(given: Mapping[str, Any], where: str) -> dict[str, ParameterChange]:
+def _changes(given: Mapping[str, object], where: str) -> dict[str, ParameterChange]:
     tables = given.get("parameters", {})
     if not isinstance(tables, Mapping):
         raise ConfigError(f"{where}: parameters must be a table; write [parameters.NAME] and its keys below")

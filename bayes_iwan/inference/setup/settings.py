@@ -241,7 +241,7 @@ class DiagnoseSettings:
         return {"model": model, "parameters": {n: _table(c) for n, c in self.parameters.items()}}
 
 
-def _table(change: ParameterChange) -> dict[str, Any]:
+def _table(change: ParameterChange) -> dict[str, object]:
     out = {f.name: v for f in fields(change) if f.name != "prior" and (v := getattr(change, f.name)) is not None}
     if change.prior is not None:
         out["prior"] = {"dist": change.prior.dist, **change.prior.arguments}

@@ -16,7 +16,7 @@ staircase, and the force follows from integration by parts (e(0) = 0):
 where S is the survival function of the slip-force distribution, Eq. (10). L is one smooth function per draw,
 tabulated once (:mod:`bayes_iwan.models.slip_force`), so nothing is summed over elements. Holes and elements that
 stick again while others slip (α rising or falling fast) are cut like everything else: nothing assumes that slip
-spreads from φ = 0. :mod:`bayes_iwan.models.kernels.elements` is what tests compare it with.
+spreads from φ = 0. `analyses/jenkins_elements.py` is what tests compare it with.
 
 State in memory: the front piece [0, front] with x = u − q φ is held in scalars; the pieces beyond it lie in a stack
 (rows of `st`, top = next to the front) with columns p, m, end, x(end), L(end), left, where left = −Σ m ΔL of all

@@ -156,7 +156,7 @@ def _one(job: Job, name: str) -> str:
     if stored_specimen(out, made_with) is not None:
         return name
     began = time.monotonic()
-    record: dict[str, Any] = {"schema": _SCHEMA, "made_with": made_with, "quantities": {}}
+    record: dict[str, object] = {"schema": _SCHEMA, "made_with": made_with, "quantities": {}}
     if job.identify:
         record |= _identified(job, campaign, out)
     if job.diagnose:
@@ -175,7 +175,7 @@ def _one(job: Job, name: str) -> str:
     return name
 
 
-def _made_with(job: Job, campaign: Path) -> dict[str, Any]:
+def _made_with(job: Job, campaign: Path) -> dict[str, object]:
     """What a specimen's answer depends on; another one is not this batch's."""
     data = hashlib.sha256()
     for path in sorted(p for p in campaign.rglob("*") if p.is_file()):
@@ -185,7 +185,7 @@ def _made_with(job: Job, campaign: Path) -> dict[str, Any]:
     return json.loads(json.dumps(whole))
 
 
-def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:
+def _identified(job: Job, campaign: Path, out: Path) -> dict[str, object]:
     def run(resume: bool) -> Posterior:
         return bayes_iwan.identify(
             campaign,
@@ -240,7 +240,7 @@ def _rounded(x: Array) -> list[float]:
 # ---- files
 
 
-def stored_specimen(out: Path, made_with: Mapping[str, Any]) -> Finished | None:
+def stored_specimen(out: Path, made_with: Mapping[str, object]) -> Finished | None:
     """What stands in a specimen's folder, if it was made with this; None for anything else, damaged files included."""
     try:
         record = json.loads((out / "specimen.json").read_text())
@@ -260,7 +260,7 @@ def stored_specimen(out: Path, made_with: Mapping[str, Any]) -> Finished | None:
         return None
 
 
-def _quantity(q: Mapping[str, Any]) -> Quantity:
+def _quantity(q: Mapping[str, object]) -> Quantity:
     """A quantity as it was written; ValueError, TypeError, KeyError for anything else."""
     draws, prior = (np.array(q[key], dtype=float) for key in ("draws", "prior"))
     if draws.ndim != 1 or prior.ndim != 1 or not draws.size or not np.isfinite([*draws, *prior]).all():

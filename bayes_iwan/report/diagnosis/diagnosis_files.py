@@ -148,8 +148,3 @@ def _write(found: Diagnosis, folder: Path, ahead: Ahead) -> Path:
     )
     write_answer(found, folder)  # last: where it stands, all of them do
     return page
-
-
-def headline_of(found: Diagnosis) -> Figure:
-    """The answer of a diagnosis in one picture."""
-    return drawn_of(found, figures_of_diagnosis(found)["headline"])

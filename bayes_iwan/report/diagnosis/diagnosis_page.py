@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -30,7 +29,7 @@ class Diagnosed:
 
     found: Diagnosis
     figures: Mapping[str, Figure]
-    viewer: Mapping[str, Any] | None = None
+    viewer: Mapping[str, object] | None = None
 
 
 class DiagnosedSection(Section[Diagnosed]):
@@ -116,7 +115,7 @@ class Where(DiagnosedSection):
         ]
 
 
-class GapFigures(Section[Any]):
+class GapFigures(Section[object]):
     """The figures of `Where`, which are ordered before there is a diagnosis."""
 
     heading, template = Where.heading, Where.template
@@ -255,7 +254,7 @@ def write_diagnosis_page(
     path: str | os.PathLike[str],
     made: Provenance | None = None,
     renderer: Renderer | None = None,
-    viewer: Mapping[str, Any] | None = None,
+    viewer: Mapping[str, object] | None = None,
 ) -> Path:
     """Write the page; whole or not at all.
 

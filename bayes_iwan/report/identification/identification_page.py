@@ -2,7 +2,6 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
 from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
@@ -49,7 +48,7 @@ class Loops(IdentifiedSection):
         every = len(self.r.predictive.loops)
         return "every test" if every <= loops.MOST else f"{loops.MOST} of the {every} tests (the viewer shows each)"
 
-    def viewer(self) -> dict[str, Any]:
+    def viewer(self) -> dict[str, object]:
         return viewer_data(self.r.predictive)
 
 

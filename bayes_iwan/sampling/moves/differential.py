@@ -1,7 +1,5 @@
 """Differential evolution with steps of many lengths."""
 
-from typing import Any
-
 import numpy as np
 from emcee.moves.red_blue import RedBlueMove
 
@@ -18,7 +16,7 @@ class DifferentialMove(RedBlueMove):  # type: ignore[misc]
 
     independent = False
 
-    def __init__(self, shortest: float = 0.1, whole: float = 0.1, **kwargs: Any) -> None:
+    def __init__(self, shortest: float = 0.1, whole: float = 0.1, **kwargs: object) -> None:
         super().__init__(nsplits=2, **kwargs)
         self.shortest, self.whole = shortest, whole
 

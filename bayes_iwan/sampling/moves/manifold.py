@@ -22,7 +22,6 @@ Fox, J. Comp. Graph. Stat. 14, 2005, 795). Nothing is approximated but the Jacob
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numba as nb
 import numpy as np
@@ -161,7 +160,7 @@ class ManifoldMove(MetropolisMove):
         self._known: Places | None = None  # where the walkers were at the last step
         self._offered: tuple[NDArray[np.int64], Places] | None = None  # which of them were offered which places
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """Places are not handed on: they follow from where the walkers are."""
         return {"manifold": self.manifold, "scale": self.scale, "_known": None, "_offered": None}
 

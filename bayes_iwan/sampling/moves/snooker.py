@@ -1,7 +1,5 @@
 """The snooker move with the right Jacobian."""
 
-from typing import Any
-
 import numpy as np
 from emcee.moves.red_blue import RedBlueMove
 
@@ -20,7 +18,7 @@ class SnookerMove(RedBlueMove):  # type: ignore[misc]
 
     independent = False
 
-    def __init__(self, gamma: float = 1.7, **kwargs: Any) -> None:
+    def __init__(self, gamma: float = 1.7, **kwargs: object) -> None:
         super().__init__(nsplits=2, **kwargs)
         self.gamma = gamma
 

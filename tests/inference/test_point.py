@@ -1,0 +1,61 @@
+"""The rows and scales that optima are sought by, against the posterior itself."""
+
+import numpy as np
+import pytest
+
+from bayes_iwan.inference.setup.loop_error import friction_level_N, paper_weights
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.solving.point import (
+    _goal_rows,
+    goal_share,
+    joint_rows,
+    laplace_scale,
+    near_optima,
+)
+
+SIMPLE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
+
+
+@pytest.fixture(scope="module")
+def simple(known):
+    return make_problem(known.loops(), SIMPLE)
+
+
+def test_half_the_squared_rows_are_the_posterior_but_for_a_constant(simple):
+    """With all parameters free, those of the noise too."""
+    z = 0.3 * np.random.default_rng(2).standard_normal((6, simple.ndim))
+    total = 0.5 * np.sum(joint_rows(simple, z) ** 2, axis=1) + simple.log_prob(z)
+    np.testing.assert_allclose(total, total[0], rtol=1e-9)
+
+
+def test_the_covariance_at_an_optimum_is_that_of_its_rows_and_never_wider_than_the_prior(simple):
+    z = np.zeros(simple.ndim)
+    scale = laplace_scale(simple, z)
+    assert np.all(np.triu(scale, 1) == 0.0)
+    step = 1e-5 * np.eye(simple.ndim)
+    slope = np.stack([(joint_rows(simple, z[None] + s) - joint_rows(simple, z[None] - s))[0] / 2e-5 for s in step])
+    np.testing.assert_allclose(scale @ scale.T @ (slope @ slope.T), np.eye(simple.ndim), atol=1e-3)
+    assert np.linalg.eigvalsh(scale @ scale.T).max() <= 1.0 + 1e-9
+
+
+def test_the_goal_as_a_share_of_the_friction_force(simple):
+    """Loops that are missed everywhere by a twentieth of their friction level are missed by 5 %."""
+    z = np.zeros((1, simple.ndim))
+    met = simple.with_force(simple.predict(z)[0])
+    off = simple.with_force(simple.predict(z)[0] + 0.05 * friction_level_N(met.loops)[:, None])
+    assert goal_share(met, z)[0] == pytest.approx(0.0, abs=1e-12) and goal_share(off, z)[0] == pytest.approx(0.05)
+
+
+def test_squared_rows_of_eq_8_grow_as_its_weighted_absolute_residuals(simple):
+    """Each test over its own friction level; rounded off only where a residual is a thousandth of that."""
+    z = 0.5 * np.random.default_rng(5).standard_normal((8, simple.ndim))
+    _, absolute = _goal_rows(simple, np.arange(simple.ndim))
+    motion, level = simple.motion, friction_level_N(simple.loops)[:, None]
+    weight = paper_weights(motion.displacement_mm[0], motion.amplitude_mm) / (motion.amplitude_mm[:, None] * level)
+    ratio = np.sum(absolute(z) ** 2, axis=1) / np.sum(weight * np.abs(simple.residual(z)), axis=(1, 2))
+    assert ratio == pytest.approx(ratio[0], rel=0.01)
+
+
+def test_optima_far_below_the_best_do_not_matter():
+    optima = np.arange(4.0)[:, None]
+    assert near_optima(optima, np.array([3.0, 2.5, -4.0, -40.0])).tolist() == [[0.0], [1.0], [2.0]]
