@@ -104,7 +104,9 @@ def _quantity(text: str, role: str) -> Any:
     """A pint quantity ('9.55 mV/N', 'kN'), or None where the text is none."""
     spelt = _spelt(text, role) if len(text) <= _LONGEST else ""
     # pint passes over signs that it does not know, and would take ?m, which was µm, for m
-    if not re.fullmatch(r"[\w\s.*/+()%-]*[A-Za-z][\w\s.*/+()%-]*", spelt) or spelt.count("**") != len(_POWER.findall(spelt)):
+    if not re.search(r"[A-Za-z]", spelt) or re.search(r"[^\w\s.*/+()%-]", spelt):
+        return None
+    if spelt.count("**") != len(_POWER.findall(spelt)):
         return None
     registry = _registry()
     for text in (spelt, spelt.lower()):  # Newton, Millimeter
@@ -173,7 +175,11 @@ def split_name(name: str) -> tuple[str, str]:
     for pattern in (r"(.+?)\s+in\s+(\S+)", r"(.+?)\s*/\s*(\S+)", r"(.+?)\s*[,:]\s*(\S+)", r"(.+?)\s+(?:-\s+)?(\S+)"):
         found = re.fullmatch(pattern, name)
         bare = pattern.startswith((r"(.+?)\s*[", r"(.+?)\s+(?"))
-        if found and found[2][0] not in "([" and (_WORDS.get(found[2].lower(), found[2]) in _BARE if bare else _is_word_unit(found[2])):
+        if (
+            found
+            and found[2][0] not in "(["
+            and (_WORDS.get(found[2].lower(), found[2]) in _BARE if bare else _is_word_unit(found[2]))
+        ):
             return found[1].strip(), found[2].strip()
     parts = name.split("_")
     if len(parts) > 2 and parts[-1] == "s" and parts[-2] in _RATES:

@@ -38,11 +38,13 @@ ENCODINGS = (
 LONGEST_WORD, MOST_WORDS = 40, 200
 _RATE = (
     r"sampl\w*[ _-]*(?:rate|freq\w*)|(?:scan|data|acquisition|acq\.?)[ _-]*rate|abtast(?:rate|frequenz)|messrate|"
-    r"fr[ée]quence d.[ée]chantillonnage|frequenza di campionamento|frecuencia de muestreo|采样(?:率|频率)|サンプリング周波数|частота дискретизации|fs"
+    r"fr[ée]quence d.[ée]chantillonnage|frequenza di campionamento|frecuencia de muestreo|采样(?:率|频率)|"
+    r"サンプリング周波数|частота дискретизации|fs"
 )
 _INTERVAL = (
     r"(?:sampl\w*|scan|time|x|h)?[ _-]*(?:interval|increment|period|step|resolution)|d[tx]|delta[ _-]?[tx]|"
-    r"(?:abtast|zeit)[ _-]?(?:intervall|schritt|periode)|サンプリング間隔|采样间隔|t[ _]?inc"
+    r"(?:abtast|zeit)[ _-]?(?:intervall|schritt|periode)|"
+    r"サンプリング間隔|采样间隔|t[ _]?inc"
 )
 _HINT = (
     r"[^\w]*(?:{})\W{{0,2}}(?P<u1>k?hz|k?s/s|m?s|[uµμn]s|sec\w*)?[\])]?\"?\s*[:=;,\t ]\s*\"?"
@@ -286,12 +288,12 @@ def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) 
         fitting.append(cells)
     if not fitting:
         return [], []
-    units = [_is_units(cells, style) for cells in fitting]
-    if len(fitting) > 1 and units[0]:
+    are_units = [_is_units(cells, style) for cells in fitting]
+    if len(fitting) > 1 and are_units[0]:
         return fitting[1], _bare(fitting[0])
-    if len(fitting) > 1 and units[1]:  # units above names, or a row of remarks below them
-        return max(fitting[0], *fitting[2:3], key=_words), _bare(fitting[1])
-    return fitting[0], (fitting[0] if units[0] else [])
+    if len(fitting) > 1 and are_units[1]:  # units above names, or a row of remarks below them
+        return max([fitting[0], *fitting[2:3]], key=_words), _bare(fitting[1])
+    return fitting[0], (fitting[0] if are_units[0] else [])
 
 
 def _words(cells: Sequence[str]) -> int:
@@ -305,11 +307,11 @@ def labelled(lines: Sequence[str], style: Style, width: int, label: re.Pattern[s
         cells = style.cells(line)
         if label.fullmatch(cells[0].strip(" :=")) if cells else False:
             beside = any(cells[1:])  # and the column below the label holds times, numbers of rows or nothing
-            rest = cells[1:] if beside else style.cells(below)
-            while len(rest) > width and not rest[-1]:
-                rest = rest[:-1]
-            if len(rest) == width or (beside and len(rest) == width - 1):
-                return [""] * (width - len(rest)) + rest
+            row = cells[1:] if beside else style.cells(below)
+            while len(row) > width and not row[-1]:
+                row = row[:-1]
+            if len(row) == width or (beside and len(row) == width - 1):
+                return [""] * (width - len(row)) + row
     return []
 
 

@@ -1,0 +1,117 @@
+"""Headings in other languages and encodings, rows of labels, and signs that are neither unit nor number."""
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import CampaignError
+from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
+from bayes_iwan.campaign.importing.unit_texts import role_of
+
+RATE, N = 250.0, 500
+T = np.arange(N) / RATE
+X, F = 900 * np.sin(2 * np.pi * 5 * T + 0.3), 40 * np.sin(2 * np.pi * 5 * T + 0.8)
+LATE_S = 0.008
+F_LATE = 40 * np.sin(2 * np.pi * 5 * (T + LATE_S) + 0.8)
+
+
+def record(folder, text, encoding="utf-8", **options):
+    (folder / "a.csv").write_bytes(text.encode(encoding))
+    (test,) = import_tests([folder / "a.csv"], **options)
+    return test.record
+
+
+def rows(head, *columns, decimal="."):
+    cells = [[c if isinstance(c, str) else f"{c:.6f}".replace(".", decimal) for c in row] for row in zip(*columns)]
+    return "\n".join([*head, *map(";".join, cells)]) + "\n"
+
+
+def same(found, x=X / 1e3, f=F, atol=1e-6):
+    np.testing.assert_allclose(found.displacement_mm, x, atol=atol)
+    np.testing.assert_allclose(found.force_N, f, atol=atol)
+
+
+@pytest.mark.parametrize(
+    ("head", "encoding"),
+    [
+        ("Время, с;Перемещение, мкм;Усилие, Н", "cp1251"),
+        ("Время [с];Деформация [мкм];Нагрузка [Н]", "cp866"),
+        ("Время (с);Перемещение (мкм);Сила (Н)", "koi8-r"),
+        ("Zeit [s];Wegänderung [µm];Prüfkraft [N]", "cp437"),
+        ("Zeit [s];Weg [µm];Kraft [N]", "cp850"),
+        ("时间（秒）;位移（微米）;力（牛）", "gbk"),
+        ("時間(s);変位(μm);荷重(N)", "cp932"),
+        ("Время (с);Перемещение (мкм);Сила (Н)", "utf-16-be"),
+    ],
+)
+def test_headings_are_known_by_their_words(tmp_path, head, encoding):
+    same(record(tmp_path, rows([head], T, X, F, decimal=","), encoding))
+
+
+@pytest.mark.parametrize("unit", ["?m", "\ufffdm", "$m", "m!"])
+def test_a_sign_that_no_unit_has_makes_none(tmp_path, unit):
+    """A micrometre whose sign was lost is no metre."""
+    assert role_of(unit) is None
+    with pytest.raises(ImportAsks, match="states no unit"):
+        record(tmp_path, rows([f"Time (s);Disp ({unit});Force (N)"], T, X, F))
+
+
+@pytest.mark.parametrize(
+    ("head", "order"),
+    [
+        ("Disp (um);t1 (s);Force (N);t2 (s)", (0, 2, 1, 3)),
+        ("Disp (um);Force (N);Time Disp (s);Time Force (s)", (0, 1, 2, 3)),
+    ],
+)
+def test_a_time_column_behind_its_channel(tmp_path, head, order):
+    columns = (X, F_LATE, T, T + LATE_S)
+    found = record(tmp_path, rows([head], *(columns[k] for k in order)))
+    assert any("starts" in w for w in found.warnings)
+    same(found, X[2:] / 1e3, F[2:])
+
+
+@pytest.mark.parametrize("late", [0.0, LATE_S])
+def test_rows_of_labels_name_scale_and_time_the_columns(tmp_path, late):
+    """As LabVIEW SignalExpress writes waveforms: labels on lines of their own."""
+    starts = f"3/1/2024 10:00:00.000;3/1/2024 10:00:00.{round(late * 1e3):03d}"
+    head = ["channel names:", "Weg (um);Kraft (N)", "start times:", starts, "dt:", "0.004;0.004", "data:"]
+    found = record(tmp_path, rows(head, X, F_LATE if late else F))
+    assert any("starts" in w for w in found.warnings) == bool(late)
+    skip = round(late * RATE)
+    same(found, X[skip:] / 1e3, F[skip:])
+
+
+def test_commas_within_brackets_do_not_part_headings(tmp_path):
+    text = rows(["Time (s);Position(8800 (0,1):Position) (um);Load(8800 (0,1):Load) (N)"], T, X, F)
+    same(record(tmp_path, text.replace(";", ",")))
+
+
+def test_points_that_may_divide_thousands_are_asked_of(tmp_path):
+    text = rows(
+        ["Zeit (ms);Weg (nm);Kraft (mN)"], *([f"{v:,.0f}".replace(",", ".") for v in 1e3 * c] for c in (T, X, F))
+    )
+    with pytest.raises(CampaignError, match=r"divide thousands.*--decimal"):
+        record(tmp_path, text)
+    from bayes_iwan.campaign.importing.formats.text_layout import Layout
+
+    same(record(tmp_path, text, recipe=Recipe(layout=Layout(decimal=","))), atol=6e-4)
+
+
+def test_a_word_that_repeats_among_numbers_is_a_gap(tmp_path):
+    cells = ["O.R." if abs(v) > 39.7 else f"{v:.6f}" for v in F]
+    found = record(tmp_path, rows(["Time (s);Disp (um);Force (N)"], T, X, cells))
+    assert found.force_N.size == N - cells.count("O.R.") and np.abs(found.force_N).max() < 39.7
+
+
+@pytest.mark.parametrize("size", [1e3, 1e6, 1e9])
+def test_moments_since_1970_say_their_unit(tmp_path, size):
+    moments = [str(round(1709287198 * size) + round(size * t)) for t in T]
+    found = record(tmp_path, rows(["time;Disp (um);Force (N)"], moments, X, F))
+    assert found.frequency_hz == 5.0
+    same(found)
+
+
+@pytest.mark.parametrize("unit", ["g", "mN/V"])
+def test_a_unit_that_may_be_a_force_s(tmp_path, unit):
+    """A load cell in grams is no accelerometer; a unit that the user states needs none in the file."""
+    text = rows([f"Time (s);Disp (um);Load ({unit})"], T, X, F / 9.80665e-3 if unit == "g" else F)
+    same(record(tmp_path, text, recipe=Recipe(units={} if unit == "g" else {"force": "N"})), atol=1e-5)
