@@ -3,8 +3,9 @@
     python analyses/unusual_specimens.py [--batches N] [--seed N]
 
 Batches are drawn as a batch sees them: quantities with spreads between specimens of 2 to 30 % that go together, each
-measured with an error of its own. In every other batch one specimen has one quantity off by so many per cent. Counted:
-batches with any sound specimen named, found ones, and the same with what is unusual in two specimens at once.
+measured with an error of its own, which is up to eight times as large in one specimen as in another. In every other
+batch one specimen has one quantity off by so many per cent. Counted: batches with any sound specimen named, found ones,
+and the same with what is unusual in two specimens at once.
 """
 
 from __future__ import annotations
@@ -30,12 +31,11 @@ def batch(rng: np.random.Generator, n: int, spread: float | None) -> dict[str, S
     error = spreads * np.exp(rng.uniform(np.log(0.05), np.log(1.0), QUANTITIES))
     common = rng.standard_normal((n, 2)) @ rng.normal(0.0, 0.5, (2, QUANTITIES))
     own = np.sqrt(np.maximum(1.0 - 0.5, 0.0)) * rng.standard_normal((n, QUANTITIES))
-    centre = spreads * (common + own) + error * rng.standard_normal((n, QUANTITIES))
+    # one specimen had fewer tests than another
+    errors = error * np.exp(rng.uniform(np.log(0.5), np.log(4.0), (n, 1)))
+    centre = spreads * (common + own) + errors * rng.standard_normal((n, QUANTITIES))
     names = tuple(str(i) for i in range(n))
-    return {
-        f"q{k}": SimpleNamespace(names=names, centre=centre[:, k], error=np.full(n, error[k]))
-        for k in range(QUANTITIES)
-    }
+    return {f"q{k}": SimpleNamespace(names=names, centre=centre[:, k], error=errors[:, k]) for k in range(QUANTITIES)}
 
 
 def main() -> None:

@@ -45,14 +45,14 @@ def rank_unusual(populations: Mapping[str, Population]) -> tuple[Unusual, ...]:
         return ()
     score = np.full((len(names), len(populations)), np.nan)
     centre = np.full_like(score, np.nan)
-    chance = np.full_like(score, np.nan)
+    chance, error = np.full_like(score, np.nan), np.full_like(score, np.nan)
     for q, p in enumerate(populations.values()):
         rows = [names.index(n) for n in p.names]
-        centre[rows, q] = p.centre
+        centre[rows, q], error[rows, q] = p.centre, p.error
         score[rows, q], chance[rows, q] = _robust(p.centre, p.error)
     # of two ways to see it: robust scores, from which several unusual specimens cannot hide, and distances from the
     # others' mean, for which few specimens suffice
-    out = _discovered(np.minimum(2.0 * np.fmin(chance, _moderated(centre)), 1.0))
+    out = _discovered(np.minimum(2.0 * np.fmin(chance, _moderated(centre, error)), 1.0))
     distance = _distances(score)
     found = [
         Unusual(
@@ -76,9 +76,10 @@ def _robust(centre: Array, error: Array) -> tuple[Array, Array]:
     return score, 2.0 * stats.t.sf(np.abs(score), max(2.0 * _EFFICIENCY * n - 1.0, 1.0))
 
 
-def _moderated(centre: Array) -> Array:
+def _moderated(centre: Array, error: Array) -> Array:
     """Chance (specimens, quantities) of a distance from the others' mean as large as each value's; NaN where there is
-    no value. The others' variance is shrunk towards what the variances of all quantities have in common."""
+    no value. The others' variance is shrunk towards what the variances of all quantities have in common; a specimen
+    that is less well known than they are may be so much further off."""
     out = np.full_like(centre, np.nan)
     for i, own in enumerate(centre):
         others = np.delete(centre, i, axis=0)
@@ -92,7 +93,9 @@ def _moderated(centre: Array) -> Array:
         usual, lent = _common_variance(variance, free)
         lent = min(lent, float(free.min()))  # quantities go together, so they lend less than they would alone
         shrunk = (lent * usual + free * variance) / (lent + free)
-        t = np.abs(own[used] - mean) / np.sqrt(shrunk * (1.0 + 1.0 / n))
+        usual_error = np.nanmean(np.delete(error, i, axis=0)[:, used] ** 2, axis=0)
+        less_known = np.maximum(error[i, used] ** 2 - usual_error, 0.0)
+        t = np.abs(own[used] - mean) / np.sqrt(shrunk * (1.0 + 1.0 / n) + less_known)
         out[i, used] = 2.0 * stats.t.sf(t, lent + free)
     return out
 

@@ -1,12 +1,14 @@
 """A population drawn with known mean and spread is found again, as often as the intervals say."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from bayes_iwan.comparison.shrinkage import shrunk
 from bayes_iwan.comparison.unusual import rank_unusual
-from bayes_iwan.inference.results.population import SpecimenDraws, coordinate_of, population
+from bayes_iwan.inference.results.population import SpecimenDraws, _smaller, coordinate_of, population
 
 
 def drawn(rng, n, middle, spread, error, prior=(0.0, 3.0)):
@@ -87,6 +89,34 @@ def test_a_specimen_that_stands_out_is_named_and_others_are_not():
         first, *_ = rank_unusual({"k": population(specimens)})
         named += first.name == "odd" and first.notable == ("k",)
     assert named >= 36, named
+
+
+def test_one_that_is_less_known_may_be_further_off():
+    """Errors six times as large as the others' name a sound specimen no more often than theirs do."""
+    rng, error = np.random.default_rng(6), np.r_[0.6, np.full(11, 0.1)]
+    named = 0
+    for _ in range(200):
+        quantities = {
+            f"q{k}": SimpleNamespace(
+                names=tuple(map(str, range(12))), centre=0.1 * rng.standard_normal(12) + error * at, error=error
+            )
+            for k, at in enumerate(rng.standard_normal((6, 12)))
+        }
+        named += any(x.notable for x in rank_unusual(quantities) if x.name == "0")
+    assert named <= 12
+
+
+@pytest.mark.parametrize("skewed", [False, True])
+def test_how_many_others_are_smaller_counts_a_specimen_s_own_error(skewed):
+    """Against drawing the specimen and another one."""
+    rng = np.random.default_rng(7)
+    draws = 0.4 * rng.gamma(2.0, 1.0, 4000) if skewed else rng.normal(0.7, 0.5, 4000)
+    mean, tau = np.array([0.2, 0.3]), np.array([0.3, 0.6])
+    known = np.array([[0.4, 0.1], [0.2, 0.3]])
+    found = _smaller(draws, np.full(4000, 1.0 / 4000), mean, tau, known)
+    which = rng.choice(4, 200_000, p=known.ravel())
+    another = mean[which // 2] + tau[which % 2] * rng.standard_normal(which.size)
+    assert found == pytest.approx(np.mean(another < rng.choice(draws, which.size)), abs=0.006)
 
 
 def test_a_quantity_of_either_sign_and_too_few_specimens():

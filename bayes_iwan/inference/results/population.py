@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 from scipy.interpolate import PchipInterpolator
 
 from bayes_iwan.arrays import Array, brief
@@ -153,15 +153,14 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
     whole = np.concatenate([every, before])  # a bounded quantity stays within its bounds
     another = np.clip(another, whole.min(), whole.max())
     from_others = np.stack([_normalised(log_like.sum(axis=0) - log_like[i] + measure) for i in range(n)])
-    sd = np.sqrt(tau**2 + error[:, None, None] ** 2)
-    pit = np.sum(from_others * stats.norm.cdf((centre[:, None, None] - mean[:, None]) / sd), axis=(1, 2))
+    pit = [float(_smaller(d, w, mean, tau, p)) for d, w, p in zip(draws, weights, from_others)]
     return Population(
         tuple(s.name for s in specimens),
         relative,
         _three(middle),
         _three(between),
         (float(another[0]), float(another[1])),
-        tuple(float(x) for x in pit),
+        tuple(pit),
         typical,
         coordinate,
         centre,
@@ -205,6 +204,13 @@ def _log_likelihood(draws: Array, weights: Array, mean: Array, tau: Array) -> Ar
         least = half.min(axis=1)
         out[:, j] = np.log(np.exp(least[:, None] - half) @ weights) - least - np.log(width)
     return out
+
+
+def _smaller(draws: Array, weights: Array, mean: Array, tau: Array, known: Array) -> Array:
+    """Probability of a smaller value than a specimen's in the population that is so known (μ, τ): the mean over its own
+    draws, which of normal ones is Φ((centre − μ)/√(τ² + error²)), and of skewed ones not."""
+    below = np.stack([special.ndtr((draws - mean[:, None]) / t) @ weights for t in tau], axis=1)
+    return np.asarray(np.sum(known * below))
 
 
 def _normalised(log_density: Array) -> Array:

@@ -14,7 +14,7 @@ from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.models import Model
 from bayes_iwan.models.iwan_parameters import default_parameters
 from bayes_iwan.report.batch.specimens import Batch, Finished
-from bayes_iwan.report.identification.marginals import number
+from bayes_iwan.report.identification.marginals import in_interval, number
 from bayes_iwan.report.identification.summary import QUANTILES
 from bayes_iwan.report.page import Page, Provenance, Section
 from bayes_iwan.report.style import MEASURED, MODEL, ORANGE, house_style, styled, subplots
@@ -81,9 +81,10 @@ class Answer(BatchSection):
         rows = []
         for name, p in self.r.populations.items():
             times, unit = self.r.spread_unit(name)
-            spread = "{:.3g} [{:.2g}, {:.2g}]".format(*(times * v for v in p.spread)) + f" {unit}"
-            typical = "{:.4g} [{:.4g}, {:.4g}]".format(*p.typical)
-            further = "{:.4g} to {:.4g}".format(*p.next_specimen)
+            spread = "{} [{}, {}]".format(*in_interval(*(times * v for v in p.spread))) + f" {unit}"
+            typical = "{} [{}, {}]".format(*in_interval(*p.typical))
+            low, high = p.next_specimen
+            further = f"{number(low, high - low)} to {number(high, high - low)}"
             rows.append((self.r.label(name), len(p.names), typical, spread, further, f"{p.fits():.2f}"))
         return rows
 

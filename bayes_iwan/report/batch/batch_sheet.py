@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan import __version__
 from bayes_iwan.report.batch.specimens import Batch
-from bayes_iwan.report.identification.marginals import number
+from bayes_iwan.report.identification.marginals import in_interval, number
 from bayes_iwan.report.style import BLUE, MODEL, ORANGE, house_style, save, styled
 
 #: inches of A4; quantities and specimens that one page has space for
@@ -79,11 +79,10 @@ def _table(ax: Axes, batch: Batch) -> int:
     known = {q: f"{WORDS[q]}, {batch.label(q)}" for q in batch.populations if q in WORDS}
     for q in list(known or batch.populations)[:QUANTITIES]:
         p = batch.populations[q]
-        width = p.typical[2] - p.typical[1]
         times, unit = batch.spread_unit(q)
         spread = f"{times * p.spread[0]:.2g} {unit}"
         low, high = p.next_specimen
-        typical = f"{number(p.typical[0], width)} [{number(p.typical[1], width)}, {number(p.typical[2], width)}]"
+        typical = "{} [{}, {}]".format(*in_interval(*p.typical))
         rows.append(
             [known.get(q, batch.label(q)), typical, spread, f"{number(low, high - low)} to {number(high, high - low)}"]
         )
