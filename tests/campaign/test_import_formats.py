@@ -186,6 +186,38 @@ def test_matlab_v5(tmp_path, compress):
         assert found[name].rate_hz == RATE
 
 
+T = np.arange(len(X)) / RATE
+MAT_EXPORTS = {
+    "simulink": {"out": {"time": T, "signals": [{"values": X, "label": "Weg"}, {"values": F, "label": "Kraft"}]}},
+    "dspace": {"rec": {
+        "X": {"Name": "Zeit", "Data": T, "Unit": "s"},
+        "Y": [{"Name": "Weg", "Data": X, "Unit": "mm"}, {"Name": "Kraft", "Data": F, "Unit": "N"}],
+    }},
+    "testlab": {f"Signal_{k}": {
+        "x_values": {"start_value": 0.0, "increment": 1.0 / RATE, "number_of_values": len(X)},
+        "y_values": {"values": x, "quantity": {"label": unit}},
+        "function_record": {"name": name},
+    } for k, (name, x, unit) in enumerate([("Weg", X, "mm"), ("Kraft", F, "N")])},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", MAT_EXPORTS)
+def test_names_and_units_beside_an_array_are_its_own(tmp_path, kind):
+    scipy.io.savemat(tmp_path / "a.mat", MAT_EXPORTS[kind])
+    (recording,) = read(tmp_path / "a.mat")
+    found = {c.name: c for c in recording.channels}
+    assert {"Weg", "Kraft"} <= set(found)
+    if kind != "simulink":
+        assert (found["Weg"].unit, found["Kraft"].unit) == ("mm", "N")
+    np.testing.assert_array_equal(found["Kraft"].values, F)
+
+
+def test_a_title_of_many_arrays_names_none(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"test": {"title": "specimen", "units": "N", "Weg": X, "Kraft": F}})
+    (recording,) = read(tmp_path / "a.mat")
+    assert {(c.name, c.unit) for c in recording.channels} == {("test.Weg", ""), ("test.Kraft", "")}
+
+
 @pytest.mark.parametrize("compress", [False, True])
 @pytest.mark.parametrize(("was", "becomes"), [(9, 0), (9, 8), (9, 300), (14, 77)])
 def test_matlab_elements_of_no_kind_do_not_end_the_process(tmp_path, compress, was, becomes):

@@ -1,6 +1,7 @@
 """MATLAB files: SciPy for versions 4 to 7, h5py for 7.3 and any HDF5, mat-io for tables and timetables.
 
-Arrays inside structs, struct arrays and cells are channels named by the way to them: `run(2).force`, `runs(1)(3)`.
+Arrays inside structs, struct arrays and cells are channels named by the way to them, `run(2).force`, `runs(1)(3)`, or
+by what a text beside them says.
 """
 
 import warnings
@@ -8,12 +9,14 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, TypeVar
 
 import numpy as np
 
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
+from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
@@ -22,6 +25,8 @@ RATES = {"fs", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "sa
 STARTS = {"t0", "t_start", "start_time", "start_time_s", "start_s", "wf_start_offset", "start_value"}
 LATEST_S = 1e5  # what is more is a date, of which no unit is known
 STEPS = {"dt", "delta_t", "wf_increment", "sample_interval", "sample_interval_s", "ts", "increment"}
+LABELS = {"name", "label", "title", "unit", "units", "signalname"}
+Said = TypeVar("Said", float, str)
 _ARRAY, _COMPRESSED = 14, 15
 _KINDS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, _ARRAY, _COMPRESSED, 16, 17, 18}
 _HEADER = 128
@@ -46,9 +51,11 @@ def read_matlab(path: Path, file: str) -> list[Recording]:
         raise CampaignError(f"{file}: cannot be read as a MATLAB file ({shown(str(error))})") from None
     if "__function_workspace__" in found:
         found = _objects(path, file)
-    arrays = _flat("", {k: v for k, v in found.items() if not k.startswith("__")}, 0)
+    held = list(_flat("", {k: v for k, v in found.items() if not k.startswith("__")}, 0))
+    arrays = [(k, v) for k, v in held if not isinstance(v, str)]
+    otherwise = f"the file holds {_kinds(found)}; save numbers as vectors ({SAVE})"
     return _recordings(
-        file, list(arrays), "MATLAB", f"the file holds {_kinds(found)}; save numbers as vectors ({SAVE})"
+        file, arrays, "MATLAB", otherwise, *_said_of(arrays, {k: v for k, v in held if isinstance(v, str)})
     )
 
 
@@ -134,8 +141,25 @@ def _kinds(found: dict[str, Any]) -> str:
     return text if len(text) <= 200 else text[:197] + "..."
 
 
-def _flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Numeric arrays and numbers with the way to each."""
+def _said_of(arrays: list[tuple[str, np.ndarray]], texts: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Units and names that a file's texts say of single arrays, as Simulink, dSPACE and Testlab write them: `label`,
+    `Name`, `Unit` in the struct of one array, or anywhere in a variable that holds no other."""
+    said = {k: t.strip() for k, t in texts.items() if _leaf(k) in LABELS and t.strip()}
+    of_units = {k: t for k, t in said.items() if is_unit(t)}
+    of_names = {k: t for k, t in said.items() if k not in of_units and _leaf(k) not in ("unit", "units")}
+    vectors = [k for k, v in arrays if np.size(v) > 1]
+    units, names = {}, {}
+    for name in vectors:
+        group, top = name.rpartition(".")[0], name.partition(".")[0]
+        if sum(k.rpartition(".")[0] == group for k in vectors) > 1 or not group:
+            continue
+        alone = sum(k.partition(".")[0] == top for k in vectors) == 1
+        units[name], names[name] = (_beside(x, name, group, alone) or "" for x in (of_units, of_names))
+    return units, names
+
+
+def _flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
+    """Numeric arrays, numbers and texts with the way to each."""
     if depth > DEEPEST:
         return
     if hasattr(value, "columns") and hasattr(value, "to_numpy"):  # a table or timetable, by mat-io
@@ -145,6 +169,8 @@ def _flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _flat(f"{prefix}.{key}" if prefix else str(key), inner, depth + 1)
+    elif isinstance(value, str):
+        yield prefix, value
     elif isinstance(value, int | float):
         yield prefix, np.asarray(value)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "iufcM":
@@ -160,7 +186,12 @@ def _seconds(values: np.ndarray) -> np.ndarray:
 
 
 def _recordings(
-    file: str, arrays: list[tuple[str, np.ndarray]], what: str, otherwise: str, units: Mapping[str, str] | None = None
+    file: str,
+    arrays: list[tuple[str, np.ndarray]],
+    what: str,
+    otherwise: str,
+    units: Mapping[str, str],
+    names: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Recording]:
     channels: list[Channel | None] = []
     rate = None
@@ -182,7 +213,8 @@ def _recordings(
         if values.ndim == 1:
             alone = sum(k.partition(".")[0] == name.partition(".")[0] for k in vectors) == 1
             own, start = (_beside(x, name, group, alone) for x in (own_rates, starts))
-            channels.append(channel(name, (units or {}).get(name, ""), values, own or rate, start, group))
+            called = names.get(name) or name
+            channels.append(channel(called, units.get(name, ""), values, own or rate, start, group))
         elif values.ndim == 2:
             columns = values if values.shape[0] >= values.shape[1] else values.T
             if columns.shape[1] <= MOST_COLUMNS:
@@ -194,8 +226,8 @@ def _recordings(
     return [replace(x, warnings=said) for x in _parts(file, kept, what)]
 
 
-def _beside(numbers: Mapping[str, float], name: str, group: str, alone: bool) -> float | None:
-    """A number that is stated of an array, in its struct, or anywhere in a variable that holds no other array."""
+def _beside(numbers: Mapping[str, Said], name: str, group: str, alone: bool) -> Said | None:
+    """What is stated of an array, in its struct, or anywhere in a variable that holds no other array."""
     for parent in (name, group):
         for key, x in numbers.items():
             if parent and key.rpartition(".")[0] == parent:
