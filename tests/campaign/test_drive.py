@@ -22,3 +22,20 @@ def test_steady_sines_are_steady(record, rate, noise):
     for seed in range(5):
         r = record(rate_hz=rate, n_cycles=25.3, noise_mm=noise, seed=seed)
         assert assess_drive(r.time_s, r.displacement_mm).kind == "steady"
+
+
+@pytest.mark.parametrize("depth", [0.05, 0.2])
+@pytest.mark.parametrize("beats", [2, 3, 5])
+def test_a_beat_is_no_staircase_of_its_highs_and_lows(record, depth, beats):
+    r = record(n_cycles=120.3)
+    swing = 1.0 + depth * np.sin(2.0 * np.pi * beats * r.time_s / r.time_s[-1])
+    assert assess_drive(r.time_s, swing * r.displacement_mm).kind == "drift"
+
+
+@pytest.mark.parametrize("steps", [2, 5, 12, 20])
+@pytest.mark.parametrize("cycles", [3, 10])
+def test_a_staircase_of_many_levels_is_one(steps, cycles):
+    time = np.arange(steps * cycles * 100) / 1000.0
+    size = np.repeat(np.linspace(0.3, 1.0, steps), cycles * 100)
+    found = assess_drive(time, size * np.sin(20.0 * np.pi * time))
+    assert found.kind == "levels" and len(found.levels) == steps
