@@ -61,14 +61,17 @@ def _lean(root: ElementTree.Element, name: str) -> ElementTree.Element:
     for child in root.findall(f"{{{_SVG}}}metadata"):
         root.remove(child)
     whole = ElementTree.tostring(root, encoding="unicode")
-    meant = dict.fromkeys(re.findall(r"#([\w.-]+)(?=[\")])", whole))
-    ids = {x: f"{name}-{i}" for i, x in enumerate(x for x in meant if f'id="{x}"' in whole)}
+    meant = dict.fromkeys(re.findall(r"(?:href=\"|url\()#([^\")]+)", whole))
+    ids = {x: f"{name}-{i}" for i, x in enumerate(meant)}
     for element in root.iter():
         element.tag = element.tag.removeprefix(f"{{{_SVG}}}")
         own = element.attrib
         _put(own, "id", ids.get(own.get("id", "")))
-        for key in [k for k in own if own[k].startswith(("#", "url(#"))]:
-            own[key] = re.sub(r"#([\w.-]+)", lambda m: "#" + ids[m.group(1)], own[key])
+        for key, value in own.items():
+            if key == _HREF and value.startswith("#"):
+                own[key] = f"#{ids[value[1:]]}"
+            else:
+                own[key] = re.sub(r"(?<=url\(#)[^)]+", lambda m: ids[m.group(0)], value)
         for key in {"x", "y", "transform", "width", "height"} & set(own):
             own[key] = re.sub(r"-?\d+\.\d{2,}", lambda m: f"{float(m.group(0)):.1f}", own[key])
         if "d" in own:

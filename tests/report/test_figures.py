@@ -172,7 +172,7 @@ def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_pa
         bi.plot.corner(posterior, ax=ax)
     with pytest.raises(ValueError, match="use 'column', 'page' or inches"):
         bi.plot.loops(posterior, width="colum")
-    with pytest.raises(ValueError, match='did you mean "f10_a0'):
+    with pytest.raises(ValueError, match="did you mean 'f10_a0"):
         bi.plot.loop(posterior, "f10_a0.csv")
     with pytest.raises(AttributeError, match="did you mean 'loops'"):
         posterior.plot.lops()

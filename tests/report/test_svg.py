@@ -55,6 +55,7 @@ def test_what_is_seen_stays_and_names_of_two_figures_do_not_clash():
     x = np.linspace(0.0, 1.0, 200)
     axes[0, 0].plot(x, np.sin(6.0 * x), color="#9A9A9A", rasterized=True)
     axes[0, 1].plot(x, np.cos(6.0 * x), "o-", label="$α_1$ of one")
+    axes[0, 1].barh([0.5], [0.5], hatch="//", color="#56B4E9", edgecolor="#123456")
     axes[0, 1].legend()
     axes[0, 1].set_ylabel("force (N)")
     one, other = (str(svg(figure, name, "two lines & more")) for name in ("one", "other"))
@@ -64,6 +65,7 @@ def test_what_is_seen_stays_and_names_of_two_figures_do_not_clash():
         meant = set(re.findall(r"(?:href=\"|url\()#([\w.-]+)", text))
         assert len(ids) == len(set(ids)) and meant <= set(ids) and all(i.startswith(name) for i in ids)
         assert {"force (N)", "two lines & more"} <= {"".join(e.itertext()) for e in root.iter()}
+        assert any("url(#" in e.get("style", "") for e in root.iter())  # the hatch
         assert "rotate(-90 " in text and "rotate(-0" not in text
     picture = re.search(r"data:image/png;base64,([^\"]+)", one).group(1)
     with Image.open(io.BytesIO(base64.b64decode(picture))) as image:
