@@ -94,7 +94,7 @@ def without_repeats(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
         return values, ()
     usual = int(np.bincount(length).argmax())
     mean = float(length.mean())
-    whole = usual > 1 and np.mean(length % usual == 0) > 0.97 and np.mean(length == usual) > 0.4
+    whole = usual > 1 and np.mean(length % usual == 0) > 0.9 and np.mean(length == usual) > 0.4
     low = int(np.floor(mean))
     broken = 1.2 < mean and np.mean((length == low) | (length == low + 1)) > 0.97 and np.mean(length == low) < 0.9
     jumps = np.abs(np.diff(values[change]))
