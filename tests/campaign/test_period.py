@@ -185,3 +185,10 @@ def test_a_drive_that_beats_is_no_longer_period_without_a_word(tmp_path):
     np.savetxt(file, np.column_stack([t, u, slider(u)]), delimiter=",", header="time_s,disp_mm,force_N", comments="")
     (test,) = import_tests([file])
     assert any("crosses its middle 2 times" in w for w in test.record.warnings)
+
+
+def test_damaged_times_have_no_drift():
+    time = np.arange(2000) / 1000.0
+    time[1500:] += 1e12
+    level, slope, _ = without_drift(time, np.sin(20.0 * np.pi * np.arange(2000) / 1000.0))
+    assert slope == 0.0 and np.isfinite(level).all()
