@@ -52,6 +52,8 @@ def ship(source: Path, target: Path) -> None:
     """Copy a campaign with its records compressed; the same bytes each time."""
     target.mkdir(exist_ok=True)
     toml = (source / "campaign.toml").read_text()
+    for record in sorted(source.glob("*.csv.gz")):
+        shutil.copy(record, target / record.name)
     for record in sorted(source.glob("*.csv")):
         (target / f"{record.name}.gz").write_bytes(gzip.compress(record.read_bytes(), mtime=0))
         toml = toml.replace(f'"{record.name}"', f'"{record.name}.gz"')

@@ -66,42 +66,27 @@ def _lean(root: ElementTree.Element, name: str) -> ElementTree.Element:
     for element in root.iter():
         element.tag = element.tag.removeprefix(f"{{{_SVG}}}")
         own = element.attrib
-        _put(own, "id", ids.get(own.get("id", "")))
+        if called := ids.get(own.pop("id", "")):
+            own["id"] = called
         for key, value in own.items():
             if key == _HREF and value.startswith("#"):
                 own[key] = f"#{ids[value[1:]]}"
             else:
                 own[key] = re.sub(r"(?<=url\(#)[^)]+", lambda m: ids[m.group(0)], value)
-        for key in {"x", "y", "transform", "width", "height"} & set(own):
+        for key in {"x", "y", "width", "height"} & set(own):
             own[key] = re.sub(r"-?\d+\.\d{2,}", lambda m: f"{float(m.group(0)):.1f}", own[key])
         if "d" in own:
             own["d"] = _path(own["d"])
         if own.get("transform", "").startswith("rotate(-0 "):
             del own["transform"]
         if "style" in own:
-            _put(own, "style", own["style"].replace(f"font-family: {_FONT}", "").replace("; ;", ";").strip("; "))
+            own["style"] = own["style"].replace(f"font-family: {_FONT}", "").replace("; ;", ";").strip("; ")
         if element.tag == "image":
             own[_HREF] = _few_colours(own[_HREF])
         element.tail = None
         if element.text is not None and not element.text.strip():
             element.text = None
-    _unwrap(root)
     return root
-
-
-def _put(own: dict[str, str], key: str, value: str | None) -> None:
-    """An attribute, or none."""
-    own.pop(key, None)
-    if value:
-        own[key] = value
-
-
-def _unwrap(element: ElementTree.Element) -> None:
-    """What stands in groups that say nothing, without them."""
-    children = list(element)
-    for child in children:
-        _unwrap(child)
-    element[:] = [x for c in children for x in (c if c.tag == "g" and not c.attrib else [c])]
 
 
 def _few_colours(link: str) -> str:

@@ -10,7 +10,7 @@ from bayes_iwan import cli
 from bayes_iwan.campaign import Record
 from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
 from bayes_iwan.campaign.loops.checks import check_record
-from bayes_iwan.campaign.timing.displacement_drift import without_drift
+from bayes_iwan.campaign.timing.displacement_drift import straight_drift, without_drift
 from bayes_iwan.campaign.timing.drive import split_levels
 
 TAU = 2 * np.pi
@@ -188,7 +188,8 @@ def test_a_drive_that_beats_is_no_longer_period_without_a_word(tmp_path):
 
 
 def test_damaged_times_have_no_drift():
+    """A gap so long that its cycles are no finite number."""
     time = np.arange(2000) / 1000.0
-    time[1500:] += 1e12
-    level, slope, _ = without_drift(time, np.sin(20.0 * np.pi * np.arange(2000) / 1000.0))
-    assert slope == 0.0 and np.isfinite(level).all()
+    time[1500:] += 3e307
+    with np.errstate(all="ignore"):
+        assert straight_drift(time, np.sin(20.0 * np.pi * np.arange(2000) / 1000.0)) == (0.0, 0.0)

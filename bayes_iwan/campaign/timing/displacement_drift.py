@@ -24,7 +24,7 @@ def straight_drift(time_s: Array, displacement: Array) -> tuple[float, float]:
     if times.size < 4:
         return 0.0, 0.0
     period, span = float(np.median(np.diff(times))), float(time_s[-1] - time_s[0])
-    if not period > span / time_s.size:  # damaged times: a cycle shorter than a sample
+    if not period > span / time_s.size:  # nearly all of the record is a gap (damaged times)
         return 0.0, 0.0
     lag = period * max(1, int(span / period / 2))
     first = time_s[time_s <= time_s[-1] - lag]

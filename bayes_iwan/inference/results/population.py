@@ -153,7 +153,7 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
     whole = np.concatenate([every, before])  # a bounded quantity stays within its bounds
     another = np.clip(another, whole.min(), whole.max())
     from_others = np.stack([_normalised(log_like.sum(axis=0) - log_like[i] + measure) for i in range(n)])
-    pit = [float(_smaller(d, w, mean, tau, p)) for d, w, p in zip(draws, weights, from_others)]
+    pit = [_smaller(d, w, mean, tau, p) for d, w, p in zip(draws, weights, from_others)]
     return Population(
         tuple(s.name for s in specimens),
         relative,
@@ -206,11 +206,11 @@ def _log_likelihood(draws: Array, weights: Array, mean: Array, tau: Array) -> Ar
     return out
 
 
-def _smaller(draws: Array, weights: Array, mean: Array, tau: Array, known: Array) -> Array:
+def _smaller(draws: Array, weights: Array, mean: Array, tau: Array, known: Array) -> float:
     """Probability of a smaller value than a specimen's in the population that is so known (μ, τ): the mean over its own
     draws, which of normal ones is Φ((centre − μ)/√(τ² + error²)), and of skewed ones not."""
     below = np.stack([special.ndtr((draws - mean[:, None]) / t) @ weights for t in tau], axis=1)
-    return np.asarray(np.sum(known * below))
+    return float(np.sum(known * below))
 
 
 def _normalised(log_density: Array) -> Array:

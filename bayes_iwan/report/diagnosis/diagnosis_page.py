@@ -14,7 +14,7 @@ from bayes_iwan.diagnosis.answer.diagnosis_json import FITTED, INVISIBLE, ceilin
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
 from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.answer.result import Diagnosis
-from bayes_iwan.diagnosis.answer.wording import few, force, interval, percent, plain, title
+from bayes_iwan.diagnosis.answer.wording import capital, few, force, interval, percent, plain, title
 from bayes_iwan.diagnosis.assessment.budget import Cause, Kind, Share
 from bayes_iwan.diagnosis.fits.gap_size import Gap
 from bayes_iwan.report.page import Page, Provenance, Section
@@ -194,7 +194,7 @@ class CannotTell(DiagnosedSection):
 
     @property
     def nothing_to_run(self) -> str:
-        return sentences.next_sentence(self.r.found).removeprefix("Next: ").capitalize()
+        return capital(sentences.next_sentence(self.r.found).removeprefix("Next: "))
 
     @property
     def pair(self) -> str:
