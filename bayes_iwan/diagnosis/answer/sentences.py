@@ -69,6 +69,11 @@ def colour(d: Diagnosis) -> str:
 
 def _size(d: Diagnosis) -> str:
     gap = d.budget.before
+    if gap.low_N <= 0.0 and d.verdict.causes:
+        return (
+            f"The model misses at most {force(gap.high_N)} RMS, {percent(gap.share_high)} of the friction force, no more "
+            f"than noise may make (noise {force(gap.noise_N)})."
+        )
     if gap.low_N <= 0.0:
         return f"The model misses nothing beyond noise{_at_most(gap)} (noise {force(gap.noise_N)})."
     ends = interval((gap.low_N, gap.high_N), force)
@@ -256,7 +261,8 @@ def _unexplained(d: Diagnosis) -> str:
     if after.low_N <= 0.0 and not d.verdict.unknown_cause:
         return f"Unexplained: nothing beyond noise{_at_most(after)}."
     size = f"{share} of the gap, {force(after.rms_N)}, {percent(after.share)} of the friction force"
-    if d.verdict.one_of and not d.verdict.causes:
+    tied_only = d.verdict.one_of and not d.verdict.causes
+    if tied_only:
         size += ", since nothing is named"
     if kind is Kind.EXPLAINED:
         return f"Unexplained: {size}. A law that is slightly off leaves as much."
@@ -266,7 +272,8 @@ def _unexplained(d: Diagnosis) -> str:
         return f"Unexplained: {size}. Another form of the base model would leave less."
     if kind is Kind.DRIVE:
         return f"Unexplained: {size}. It may be the channels' or the specimen's."
-    return f"Unexplained: {size} (probability {probability(unexplained.probability)} that it has a cause of its own)."
+    what = "a cause: one of these or another" if tied_only else "a cause of its own"
+    return f"Unexplained: {size} (probability {probability(unexplained.probability)} that it has {what})."
 
 
 def _resembles(d: Diagnosis) -> list[str]:
