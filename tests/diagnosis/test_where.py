@@ -169,6 +169,9 @@ def test_fading_friction_shows_along_the_record():
     assert not next(x for x in found.of("record") if x.name == "mean").significant
     assert np.all(found.change_N[:, 2] < -0.05)  # less dissipation at the end
     assert size.along.low_N > 0.9 * size.loop.rms_N > 0.0
+    trends = found.of("trend")  # a gap of its own in each test: all of them together are their mean square
+    assert np.sqrt(np.mean([x.gap_N**2 for x in trends])) == pytest.approx(size.along.rms_N, rel=0.05)
+    assert sum(x.share for x in trends) == pytest.approx(1.0, abs=0.01)
     assert all(rms[0] > rms[2] for rms in size.along_N)
     assert "change along the record" in " ".join(where_sentences(found))
 
