@@ -142,9 +142,7 @@ def lighten() -> None:
         campaign=read_campaign(campaign), seed=0, fit=fit
     )
     diagnosis_folder.write_answer = write_told
-    diagnosis_folder.diagnosis_figures = lambda found, ahead=None: {
-        n: small_figure() for n in ("gap", "where", "shares")
-    }
+    diagnosis_folder.figures_of_diagnosis = lambda found: dict.fromkeys(("gap", "where", "shares"), small_figure)
     diagnosis_folder.write_diagnosis_page = lambda found, figures, path, *about: small_page(path)
 
 

@@ -21,11 +21,6 @@ from bayes_iwan.withheld.answering import answer
 from bayes_iwan.withheld.sealed import make, read_json, truth_folder
 
 
-def share_found(folder: Path, sealed: Path, cause: str) -> float | None:
-    """Share of the gap that a named cause removes on tests that nobody has seen."""
-    return find_shares(folder, sealed)[1].get(cause)
-
-
 def run(args: argparse.Namespace) -> scoring.Score:
     """Make (unless made), answer (what is not answered) and score."""
     cases = args.out / "cases"
@@ -36,13 +31,7 @@ def run(args: argparse.Namespace) -> scoring.Score:
     if made.get("seed") != args.seed or len(made["cases"]) != args.cases:
         raise SystemExit(f"{cases} holds {len(made['cases'])} other cases; use another --out")
     answers = answer(cases, diagnose_case, out=args.out / "answers", seed=0, quick=not args.full, workers=args.workers)
-    return scoring.score(
-        cases,
-        truth,
-        answers=answers,
-        find_shrink=share_found,
-        excluded=args.excluded,
-    )
+    return scoring.score(cases, truth, answers=answers, find_shares=find_shares, excluded=args.excluded)
 
 
 def main() -> None:

@@ -59,6 +59,21 @@ def write_whole(path: str | os.PathLike[str], content: bytes | str) -> Path:
 
 
 @contextmanager
+def reading(path: Path, refused: type[InputError], again: str) -> Iterator[None]:
+    """A block that makes something of a file that we wrote: one that is missing, or that somebody has changed, which
+    breaks whatever is made of it in any way, is `refused` in one line that says what makes it `again`."""
+    try:
+        yield
+    except InputError:
+        raise
+    except OSError as error:
+        raise refused(f"{path}: cannot be read ({error.strerror}); {again}") from None
+    except Exception as error:
+        said = " ".join(str(error).split())[:120]
+        raise refused(f"{path}: damaged ({type(error).__name__}: {said}); {again}") from None
+
+
+@contextmanager
 def owned(folder: str | os.PathLike[str]) -> Iterator[Path]:
     """A folder for results, made if need be, that no other run may use meanwhile; leftovers of a killed one are swept.
 

@@ -9,7 +9,6 @@ from html import escape
 import numpy as np
 
 from bayes_iwan import executors, former_names
-from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
 from bayes_iwan.errors import InputError
@@ -96,6 +95,9 @@ QUESTIONS: tuple[tuple[str, str, str], ...] = (
     ("Is it better than an asymmetric generalized Bouc–Wen model?", "gamma3", "generalized_bouc_wen"),
 )
 
+#: standard errors of a difference, and the difference itself (nats), below which nothing is decided
+DECIDES, LEAST = 2.0, 4.0
+
 #: short runs: a comparison needs predictive densities to a fraction of their standard error, not tails of parameters
 SHORT = IdentifySettings(
     model=ModelSettings(embedded=False),
@@ -171,12 +173,13 @@ class Comparison:
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
 
-    def _pointwise(self, entry: Entry) -> Array:
-        return entry.loo.pointwise if self.by == "loo" or entry.tests is None else entry.tests.pointwise
+    def ranked(self, entry: Entry) -> Loo:
+        """The predictive density that an entry is ranked by."""
+        return entry.loo if self.by == "loo" or entry.tests is None else entry.tests
 
     def difference(self, first: Entry, second: Entry) -> tuple[float, float]:
         """elpd(first) − elpd(second) and its standard error over the data or tests they share."""
-        d = self._pointwise(first) - self._pointwise(second)
+        d = self.ranked(first).pointwise - self.ranked(second).pointwise
         return float(d.sum()), float(np.sqrt(len(d)) * d.std(ddof=1)) if len(d) > 1 else float("nan")
 
     def __getitem__(self, name: str) -> Entry:
@@ -190,7 +193,7 @@ class Comparison:
         best = self.entries[0]
         out = []
         for e in self.entries:
-            ranked = e.loo if self.by == "loo" or e.tests is None else e.tests
+            ranked = self.ranked(e)
             difference, se = self.difference(e, best) if e is not best else (0.0, 0.0)
             held_out = float("nan") if e.tests is None else e.tests.elpd
             out.append(
@@ -206,12 +209,8 @@ class Comparison:
         for question, first, second in QUESTIONS:
             if first in names and second in names:
                 d, se = self.difference(self[first], self[second])
-                if d > max(4.0, 2.0 * se):
-                    word = "Yes"
-                elif d < -max(4.0, 2.0 * se):
-                    word = "No, on the contrary"
-                else:
-                    word = "These tests do not tell"
+                decided = "Yes" if d > 0.0 else "No, on the contrary"
+                word = decided if abs(d) > max(LEAST, DECIDES * se) else "These tests do not tell"
                 said = f"{word}: difference of expected log predictive density {d:+.1f} ± {se:.1f}"
                 out.append((question, said.replace("-", "−")))
         return tuple(out)
@@ -276,7 +275,7 @@ def compare_families(
     if by == "tests" and entries[0].tests is None:
         raise CompareError("ranking by held-out tests needs at least three tests that are fitted")
     unranked = Comparison(source, by, tuple(entries))
-    order = sorted(entries, key=lambda e: -float(unranked._pointwise(e).sum()))
+    order = sorted(entries, key=lambda e: -float(unranked.ranked(e).pointwise.sum()))
     return Comparison(source, by, tuple(order))
 
 

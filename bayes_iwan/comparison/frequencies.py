@@ -99,14 +99,12 @@ def compare_frequencies(
     folder: str | os.PathLike[str] | None = None,
     *,
     run: bool = False,
-    seed: int = 0,
-    settings: IdentifySettings = SHORT,
     replicates: int = 1000,
 ) -> Frequencies:
     """Each frequency of a joint posterior's fitted tests alone, and the checks whether they agree.
 
     folder : results of `identify(..., per_test=True)`, taken where they are of these data, this model and these
-    priors. run : identify the frequencies that are not there by short runs (`settings`, default :data:`SHORT`);
+    priors. run : identify the frequencies that are not there by short runs (:data:`SHORT`);
     otherwise these have estimates only.
     """
     groups = by_frequency(joint.problem.loops)
@@ -117,13 +115,13 @@ def compare_frequencies(
         elif folder is not None and (stored := _stored(joint, Path(folder) / "per_test" / name, loops)) is not None:
             alone[name] = stored
         elif run:
-            chosen = replace(joint.settings, search=settings.search, sampling=settings.sampling)
+            chosen = replace(joint.settings, search=SHORT.search, sampling=SHORT.sampling)
             alone[name] = identify_problem(
-                _problem(joint, loops), seed, config=chosen, campaign=joint.campaign, loops=loops, progress=False
+                _problem(joint, loops), 0, config=chosen, campaign=joint.campaign, loops=loops, progress=False
             )
     if len(groups) == 1:
         return Frequencies(joint, groups, alone, (), float("nan"))
-    checks, overall = agreement(joint, groups, replicates, seed)
+    checks, overall = agreement(joint, groups, replicates)
     return Frequencies(joint, groups, alone, checks, overall)
 
 
@@ -144,11 +142,11 @@ def _problem(joint: Posterior, loops: Sequence[Loop]) -> Problem:
 
 
 def agreement(
-    joint: Posterior, groups: Mapping[str, Sequence[Loop]], replicates: int = 1000, seed: int = 0
+    joint: Posterior, groups: Mapping[str, Sequence[Loop]], replicates: int = 1000
 ) -> tuple[tuple[Agreement, ...], float]:
     """The posterior check: p-values by quantity, and of the worst one among all."""
     problem = joint.problem
-    rng = np.random.default_rng([seed, 51])
+    rng = np.random.default_rng([0, 51])
     best = joint.flat_z()[int(np.argmax(joint.log_prob))]
     if np.isfinite(joint.point.log_prob) and joint.point.log_prob > np.max(joint.log_prob):
         best = joint.point.z

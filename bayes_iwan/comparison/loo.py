@@ -76,7 +76,7 @@ def psis_loo(log_likelihood: Array) -> Loo:
     )
 
 
-def leave_tests_out(posterior: Posterior, *, seed: int = 0, walkers: int = 128, steps: int = 60) -> Loo:
+def leave_tests_out(posterior: Posterior, *, seed: int = 0, steps: int = 60) -> Loo:
     """ln p(test | all other tests) of each fitted test, (tests,), parameters and noise learnt from the others alone.
 
     Where the posterior's own draws, weighted, can stand for those without the test (Pareto's k below 0.7) they do;
@@ -96,7 +96,7 @@ def leave_tests_out(posterior: Posterior, *, seed: int = 0, walkers: int = 128, 
         if k < TRUSTED:
             value = logsumexp(log_w + conditional)
         else:
-            moved = _moved(others, z, log_w, walkers, steps, seed + t)
+            moved = _moved(others, z, log_w, steps, seed + t)
             conditional = problem.log_likelihood(moved) - others.log_likelihood(moved)
             value = logsumexp(conditional) - np.log(len(conditional))
         pointwise.append(float(value))
@@ -122,7 +122,7 @@ def _chunked(function: Callable[[Array], Array], z: Array, size: int = 1000) -> 
     return np.concatenate([function(z[i : i + size]) for i in range(0, len(z), size)])
 
 
-def _moved(problem: Problem, z: Array, log_w: Array, walkers: int, steps: int, seed: int) -> Array:
+def _moved(problem: Problem, z: Array, log_w: Array, steps: int, seed: int, walkers: int = 128) -> Array:
     """Draws (2·walkers, ndim) of a problem's posterior, from others' draws z with weights towards it.
 
     Weights are tempered until they leave at least a quarter of the walkers distinct; the moves do what remains.

@@ -10,10 +10,9 @@ import numpy as np
 
 from bayes_iwan import __version__
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign import Campaign, Loop
+from bayes_iwan.campaign import Loop
 from bayes_iwan.export.c_code import substeps
-from bayes_iwan.export.device import Device, effects_text, fixed_amplitude
-from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.export.device import Device, Source, effects_text, fixed_amplitude
 from bayes_iwan.models.kernels.sliders import MAX_PIECES
 from bayes_iwan.models.motion import Y_FLOOR
 from bayes_iwan.models.normal_force import ALPHA_FLOOR
@@ -100,16 +99,9 @@ def fingerprint(loops: Sequence[Loop]) -> str:
     return digest.hexdigest()[:16]
 
 
-def card_of(
-    device: Device,
-    problem: Problem,
-    z: Array,
-    campaign: Campaign | None,
-    method: str,
-    seed: int,
-    unexplained: tuple[float, float],
-) -> Card:
-    """The card of a device from a problem's fitted tests; unexplained : RMS in N, and as a share of the friction's."""
+def card_of(device: Device, source: Source) -> Card:
+    """The card of a device from the fitted tests of its source."""
+    problem, campaign = source.problem, source.campaign
     loops, units, clock = problem.loops, problem.units, problem.loops[0].record.clock
 
     def span(values: Array) -> tuple[float, float]:
@@ -123,9 +115,9 @@ def card_of(
         fingerprint=fingerprint(loops),
         date=f"{datetime.now(UTC):%Y-%m-%d %H:%M UTC}",
         version=__version__,
-        seed=seed,
+        seed=source.seed,
         model=problem.model.name,
-        method=method,
+        method=source.method,
         draws=device.sets - 1,
         units={
             "displacement": units.displacement,
@@ -145,11 +137,11 @@ def card_of(
             "speed was seen",
             f"slip forces end at {float(device.top_N[0]):.4g} {units.force}: with larger strokes all elements slip",
         ),
-        amplitude=_amplitude(device, problem, z),
+        amplitude=_amplitude(device, source),
         effects=device.named,
         omitted=device.omitted | {"force_zero": "belongs to the rig or its channels, not to the device"},
-        unexplained_N=unexplained[0],
-        unexplained_share=unexplained[1],
+        unexplained_N=source.unexplained[0],
+        unexplained_share=source.unexplained[1],
         discretisation=f"slip forces are continuous, not discretised; at most {MAX_PIECES} pieces of memory. From the "
         "forward model: below 0.1 % of the friction force (RMS) and of the energy at 20 steps a cycle and more "
         "(analyses/export_round_trip.py)",
@@ -157,12 +149,13 @@ def card_of(
     )
 
 
-def _amplitude(device: Device, problem: Problem, z: Array) -> str:
+def _amplitude(device: Device, source: Source) -> str:
     """What is said of A, which an arbitrary motion does not have."""
+    problem = source.problem
     if device.constant_normal_force or "A" not in "".join(device.stages["alpha"]).replace("ALPHA", ""):
         return "not used: the normal force of this model does not depend on it"
     largest = float(device.parameters["amplitude_mm"][0])
-    change = fixed_amplitude(problem, problem.parameter_values(z[:1]), largest)
+    change = fixed_amplitude(problem, problem.parameter_values(source.z[:1]), largest)
     own = problem.motion.amplitude_mm
     return (
         f"any motion has none, so it is a parameter: {largest:.4g} {problem.units.displacement}, the largest tested. "

@@ -1,12 +1,13 @@
 """The device as stages in time: what a problem with its effects, and some draws, become before a target is written."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from string import Template
 
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.campaign import Campaign
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.errors import InputError
 from bayes_iwan.export.laws import CYCLE_STATES, LAWS, OF_THE_RIG, Law
@@ -22,6 +23,19 @@ STAGES = ("before", "alpha", "stiffness", "slip", "asymmetry", "specimen", "forc
 
 class ExportError(InputError):
     """What cannot be exported; the message says what, and what to do."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """What is exported: a problem, its point estimate and draws z (1 + draws, ndim), and where they come from;
+    unexplained : RMS in N, and as a share of the friction force."""
+
+    problem: Problem
+    z: Array
+    campaign: Campaign | None
+    method: str
+    seed: int
+    unexplained: tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,13 +56,13 @@ class Device:
         effects in the device with a note each ("" where its law is as identified), and those omitted, with the reason.
     """
 
-    parameters: dict[str, Array]
+    parameters: dict[str, Array] = field(default_factory=dict)
     tables: Array
     top_N: Array
-    stages: dict[str, tuple[str, ...]]
-    states: dict[str, tuple[int, float]]
-    named: dict[str, str]
-    omitted: dict[str, str]
+    stages: dict[str, tuple[str, ...]] = field(default_factory=lambda: dict.fromkeys(STAGES, ()))
+    states: dict[str, tuple[int, float]] = field(default_factory=dict)
+    named: dict[str, str] = field(default_factory=dict)
+    omitted: dict[str, str] = field(default_factory=dict)
 
     @property
     def sets(self) -> int:

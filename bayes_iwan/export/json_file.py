@@ -19,7 +19,7 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import ExportError, without_zero
 from bayes_iwan.export.laws import OF_THE_RIG
-from bayes_iwan.files import finite
+from bayes_iwan.files import finite, reading
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model, Motion, Scales
 from bayes_iwan.models.simulator import recorded_force
@@ -101,15 +101,10 @@ def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:
 
 def read(path: Path) -> ExportedModel:
     """An exported isolator.json. Raises ExportError in one line where it is missing, damaged or not of this version."""
-    try:
+    with reading(path, ExportError, "export the model again"):
         stored = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ExportError(f"{path}: cannot be read ({error.strerror}); export the model again") from None
-    except (ValueError, RecursionError):
-        raise ExportError(f"{path}: damaged, no JSON; export the model again") from None
-    if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
-        raise ExportError(f"{path}: not a model of this version ({SCHEMA}); export it again")
-    try:
+        if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
+            raise ExportError(f"{path}: not a model of this version ({SCHEMA}); export it again")
         parts = former_names.config_of(stored)["model"]
         if "simulator" in parts:
             raise ExportError(f"{path}: holds draws of {parts['simulator']}, a simulator of your own; read its numbers")
@@ -132,11 +127,6 @@ def read(path: Path) -> ExportedModel:
             names=tuple(former_names.parameters_in(str(n)) for n in stored["names"]),
             covariance=covariance,
         )
-    except ExportError:
-        raise
-    except Exception as error:  # a file that somebody has changed breaks whatever is made of it, in any way
-        said = " ".join(str(error).split())[:120]
-        raise ExportError(f"{path}: damaged ({type(error).__name__}: {said}); export the model again") from None
 
 
 def _effects(stored: Sequence[Mapping[str, object]], scales: Scales, model: Model) -> tuple[Effect, ...]:

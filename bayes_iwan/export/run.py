@@ -5,23 +5,21 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, read_campaign
 from bayes_iwan.errors import nearest
 from bayes_iwan.export import c_code, drake, fmu, json_file, mujoco, opensees
 from bayes_iwan.export.card import Card, card_of
-from bayes_iwan.export.device import STAGES, Device, ExportError, device_of
-from bayes_iwan.files import finite, swapped, write_whole
+from bayes_iwan.export.device import Device, ExportError, Source, device_of
+from bayes_iwan.files import finite, reading, swapped, write_whole
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import load
-from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model
 
 if TYPE_CHECKING:
@@ -31,18 +29,6 @@ if TYPE_CHECKING:
 TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")
 CARD_TEXT, CARD_JSON = "model_card.txt", "model_card.json"
 PathLike = str | os.PathLike[str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Source:
-    """What is exported: a problem, its point estimate and draws z (1 + draws, ndim), and where they come from."""
-
-    problem: Problem
-    z: Array
-    campaign: Campaign | None
-    method: str
-    seed: int
-    unexplained: tuple[float, float]
 
 
 def export(
@@ -123,10 +109,11 @@ def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[
     problem = source.problem
     hz = problem.motion.frequency_hz
     if to == "json" and not isinstance(problem.model, Model):
-        device = _no_device(len(source.z))
+        # a simulator of the user's own has no stages here
+        device = Device(tables=np.zeros((len(source.z), 1, 4)), top_N=np.full(len(source.z), np.nan))
     else:
         device = device_of(problem, source.z, (float(hz.min()), float(hz.max())))
-    card = card_of(device, problem, source.z, source.campaign, source.method, source.seed, source.unexplained)
+    card = card_of(device, source)
     if to == "json":
         return {**json_file.files(problem, source.z, card)}, card
     if to == "opensees":
@@ -145,19 +132,6 @@ def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[
     if to != "fmu":
         files["isolator.py"] = c_code.filled(c_code.template("isolator.py"), {"SETS": str(device.sets)})
     return files, card
-
-
-def _no_device(sets: int) -> Device:
-    """A simulator of the user's own has no stages here."""
-    return Device(
-        parameters={},
-        tables=np.zeros((sets, 1, 4)),
-        top_N=np.full(sets, np.nan),
-        stages={name: () for name in STAGES},
-        states={},
-        named={},
-        omitted={},
-    )
 
 
 def source_of(
@@ -211,11 +185,10 @@ def _of_saved_diagnosis(folder: Path, draws: int, campaign: PathLike | None) -> 
     stored = read_fits(folder / "fits.json")
     if stored.effects_file or stored.simulator_file:
         raise ExportError(f"{folder}: was made with a Python file of your own, which has no law in C to export")
-    try:
-        said = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+    answer = folder / "diagnosis.json"
+    with reading(answer, ExportError, "diagnose again"):
+        said = json.loads(answer.read_text(encoding="utf-8"))
         seed, unexplained = int(said["seed"]), (float(said["gap"]["after_rms_N"]), float(said["gap"]["after_share"]))
-    except (OSError, ValueError, KeyError, TypeError):
-        raise ExportError(f"{folder / 'diagnosis.json'}: missing or damaged; diagnose again") from None
     read = read_campaign(campaign)
     data = gap_data([x for x in read.loops(**LOOPS) if x.role != "held-out"])
     fit = rebuilt(stored, stored.fits[max(stored.fits, key=len)], data)

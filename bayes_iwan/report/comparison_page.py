@@ -8,7 +8,7 @@ from textwrap import fill
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_iwan.comparison.families import Comparison
+from bayes_iwan.comparison.families import DECIDES, LEAST, Comparison
 from bayes_iwan.report.page import Page, Section, Table, provenance
 from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, on_phone, styled, subplots
 
@@ -81,10 +81,6 @@ def comparison_table(comparison: Comparison) -> Table:
     ranked = enumerate(comparison.rows(), start=1)
     rows = tuple((i, r.name, r.label, comparison.by, *astuple(r)[2:]) for i, r in ranked)
     return Table("compare", "Model families ranked", columns, rows)
-
-
-#: standard errors of a difference, and the difference itself, below which nothing is decided
-DECIDES, LEAST = 2.0, 4.0
 
 
 class ComparisonSection(Section[Comparison]):

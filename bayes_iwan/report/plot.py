@@ -16,7 +16,7 @@ from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.batch.specimens import Batch
 from bayes_iwan.report.comparison_page import ranking_figure
-from bayes_iwan.report.diagnosis.diagnosis_files import drawn_of, figures_of_diagnosis
+from bayes_iwan.report.diagnosis.diagnosis_files import figures_of_diagnosis
 from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figure
 from bayes_iwan.report.identification.law_figures import normal_force_figure, slip_density_figure, stiffness_figure
 from bayes_iwan.report.identification.loops import frequencies_figure, loops_figure, paper_fig3, residuals_figure
@@ -24,7 +24,7 @@ from bayes_iwan.report.identification.marginals import identifiable_corner, prio
 from bayes_iwan.report.identification.marginals import paper_corner as paper_corner
 from bayes_iwan.report.identification.sampling import tau_figure, traces_figure
 from bayes_iwan.report.identification.trends import trends_figure
-from bayes_iwan.report.style import save, styled
+from bayes_iwan.report.style import relabel, save, styled
 
 #: functions of a posterior, which are its methods too: `posterior.plot.loops()`
 OF_POSTERIOR = (
@@ -68,7 +68,9 @@ def gap(diagnosis: Diagnosis, name: str = "headline") -> Figure:
     figures = figures_of_diagnosis(diagnosis)
     if name not in figures:
         raise InputError(f'there is no figure "{name}" of this diagnosis; there are {", ".join(sorted(figures))}')
-    return drawn_of(diagnosis, figures[name])
+    figure = figures[name]()
+    relabel(figure, diagnosis.campaign.units)
+    return figure
 
 
 @styled

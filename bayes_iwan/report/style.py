@@ -245,6 +245,23 @@ def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
 
 
+def panels(
+    count: int, columns: int, panel: tuple[float, float], margin: tuple[float, float], least: tuple[float, float],
+    **kwargs: Any,
+) -> tuple[Figure, list[Axes]]:  # fmt: skip
+    """A figure of so many panels in rows; panel : inches of each; margin : beside all; least : of the figure."""
+    columns = min(columns, count)
+    rows = -(-count // columns)
+    width, height = (
+        max(n * each + beside, small) for n, each, beside, small in zip((columns, rows), panel, margin, least)
+    )
+    figure, axes = subplots(rows, columns, width, height, **kwargs)
+    flat = list(axes.ravel())
+    for ax in flat[count:]:
+        ax.remove()
+    return figure, flat[:count]
+
+
 def into_given_axes() -> bool:
     """Is it drawn into axes of the caller's? Labels and keys then belong to these, not to the figure."""
     return _WISH.get().axes is not None

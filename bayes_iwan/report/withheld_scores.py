@@ -8,15 +8,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from bayes_iwan.diagnosis.answer.saved_fits import find_shares
 from bayes_iwan.files import write_whole
-from bayes_iwan.report.style import save
+from bayes_iwan.report.style import BLUE, ORANGE, PRIOR, numbered_cells, save
 from bayes_iwan.withheld.estimates import Estimate, binned
 from bayes_iwan.withheld.metrics import SHARE_POINTS, confusion, reliability
 from bayes_iwan.withheld.scoring import Score, score
-
-_BLUE, _ORANGE, _GREY = "#2266aa", "#cc6611", "#888888"
 
 
 def confusion_figure(score: Score) -> Figure:
@@ -24,21 +23,16 @@ def confusion_figure(score: Score) -> Figure:
     rows, columns, counts = confusion(score.cases)
     fig = Figure(figsize=(2.6 + 0.36 * len(columns), 2.4 + 0.32 * len(rows)), layout="constrained")
     ax = fig.add_subplot()
-    totals = counts.sum(axis=1, keepdims=True)
-    ax.imshow(counts / np.maximum(totals, 1), cmap="Blues", vmin=0, vmax=1.3, aspect="auto")
-    for (i, j), n in np.ndenumerate(counts):
-        if n:
-            right = rows[i] == columns[j]
-            ax.text(j, i, f"{n:.0f}", ha="center", va="center", fontsize=9, fontweight="bold" if right else "normal",
-                    color="white" if n > 0.8 * totals[i, 0] else "black")  # fmt: skip
-    for i, row in enumerate(rows):
-        j = columns.index(row)  # columns hold every row
-        ax.plot(
-            [j - 0.5, j + 0.5, j + 0.5, j - 0.5, j - 0.5], [i - 0.5, i - 0.5, i + 0.5, i + 0.5, i - 0.5],
-            color=_ORANGE, lw=1.2,
-        )  # fmt: skip
-    ax.set_xticks(range(len(columns)), [c.replace("_", " ") for c in columns], rotation=60, ha="right")
-    ax.set_yticks(range(len(rows)), [f"{r.replace('_', ' ')} ({n:.0f})" for r, n in zip(rows, totals[:, 0])])
+    totals = counts.sum(axis=1)
+    right = np.array(rows)[:, None] == np.array(columns)
+    numbered_cells(
+        ax, counts / np.maximum(totals, 1)[:, None], [[f"{n:.0f}" if n else "" for n in row] for row in counts],
+        [f"{r.replace('_', ' ')} ({n:.0f})" for r, n in zip(rows, totals)], columns, right,
+        cmap="Blues", vmin=0, vmax=2,
+    )  # fmt: skip
+    for i, j in np.argwhere(right):
+        ax.add_patch(Rectangle((j, i), 1, 1, fill=False, edgecolor=ORANGE, linewidth=1.2))
+    ax.set_xticks(ax.get_xticks(), [c.replace("_", " ") for c in columns], rotation=60, ha="right")
     ax.set_xlabel("verdict")
     ax.set_ylabel("truth (cases)")
     ax.set_title("Cases of at most one cause; outlined: right", fontsize=10)
@@ -50,38 +44,34 @@ def _shares(
     ax: Axes, points: Sequence[tuple[float, Estimate]], label: str, colour: str, shift: float = 1.0,
     counts: bool = True,
 ) -> None:  # fmt: skip
-    for i, (x, found) in enumerate(points):
-        value, low, high = found.value, found.low, found.high
-        ax.errorbar(
-            [x * shift], [value], [[value - low], [high - value]], fmt="o", color=colour, capsize=3, ms=5,
-            label=label if i == 0 else None,
-        )  # fmt: skip
-        if not counts:
-            continue
+    if not points:
+        return
+    x, value, low, high = np.array([(shift * at, e.value, e.low, e.high) for at, e in points]).T
+    ax.errorbar(x, value, [value - low, high - value], fmt="o", color=colour, capsize=3, ms=5, label=label)
+    for at, end, (_, found) in zip(x, high, points if counts else ()):
         ax.annotate(
-            f"{found.n}", (x * shift, high), textcoords="offset points", xytext=(0, 3), ha="center",
-            fontsize=7, color=colour,
-        )  # fmt: skip
+            f"{found.n}", (at, end), textcoords="offset points", xytext=(0, 3), ha="center", fontsize=7, color=colour
+        )
 
 
 def reliability_figure(score: Score) -> Figure:
     """Probability stated of each cause named against how often it was there, and how often each was stated."""
     fig = Figure(figsize=(5, 5.4), layout="constrained")
     top, bottom = fig.subplots(2, 1, sharex=True, height_ratios=(4, 1))
-    top.plot([0, 1], [0, 1], color=_GREY, lw=1, label="stated = found")
-    _shares(top, reliability(score.cases), "share true, 95 % interval, causes named", _BLUE)
+    top.plot([0, 1], [0, 1], color=PRIOR, lw=1, label="stated = found")
+    _shares(top, reliability(score.cases), "share true, 95 % interval, causes named", BLUE)
     top.set_ylim(0, 1.08)
     top.set_ylabel("share of named causes that are there")
     top.legend(loc="upper left", fontsize=8, frameon=False)
     stated = [m.stated for c in score.cases if c.answered for m in c.stated]
-    bottom.hist(stated, bins=np.linspace(0, 1, 21).tolist(), color=_BLUE)
+    bottom.hist(stated, bins=np.linspace(0, 1, 21).tolist(), color=BLUE)
     bottom.set_xlabel("stated probability that a cause contributes")
     bottom.set_ylabel("causes")
     bottom.set_xlim(0, 1)
     return fig
 
 
-def accuracy_figure(score: Score, bins: int = 5) -> Figure:
+def accuracy_figure(score: Score) -> Figure:
     """Share of effects found against the visible part of their size over the noise: alone, and among others."""
     fig = Figure(figsize=(8.4, 4), layout="constrained")
     panels = (
@@ -96,13 +86,13 @@ def accuracy_figure(score: Score, bins: int = 5) -> Figure:
         if not parts:
             continue
         values = [k.visible / c.truth.noise for c, k in parts]
-        edges = np.quantile(values, np.linspace(0, 1, bins + 1)).tolist()
+        edges = np.quantile(values, np.linspace(0, 1, 6)).tolist()
         named = [k.name in c.answer.names for c, k in parts]
         in_set = [k.name in c.answer.in_sets for c, k in parts]
-        _shares(ax, binned(values, named, edges), "named", _BLUE, 0.975)
-        _shares(ax, binned(values, in_set, edges), "named or in a set", _ORANGE, 1.025, False)
+        _shares(ax, binned(values, named, edges), "named", BLUE, 0.975)
+        _shares(ax, binned(values, in_set, edges), "named or in a set", ORANGE, 1.025, False)
         ax.set_xscale("log")
-        ax.axvline(1.0, color=_GREY, ls="--", lw=1)
+        ax.axvline(1.0, color=PRIOR, ls="--", lw=1)
         ax.legend(fontsize=8, frameon=False, loc="lower right")
     fig.axes[0].set_ylabel("share found")
     return fig
@@ -115,8 +105,8 @@ def share_figure(score: Score) -> Figure:
     ax = fig.add_subplot()
     reach = np.array([0.0, 100.0])
     ax.fill_between(reach, reach - 100 * SHARE_POINTS, reach + 100 * SHARE_POINTS, color="#dde6f0", lw=0)
-    ax.plot(reach, reach, color=_GREY, lw=1, label="stated = true; band: ±10 points")
-    for alone, colour, label in ((True, _BLUE, "the only cause"), (False, _ORANGE, "one of several")):
+    ax.plot(reach, reach, color=PRIOR, lw=1, label="stated = true; band: ±10 points")
+    for alone, colour, label in ((True, BLUE, "the only cause"), (False, ORANGE, "one of several")):
         some = [(n, t) for c, n, t in parts if (len(c.truth.causes) == 1) == alone]
         for n, t in some:
             ax.plot([100 * t] * 2, [100 * n.share_low, 100 * n.share_high], color=colour, lw=0.8, alpha=0.5)
@@ -140,10 +130,6 @@ def figures(score: Score) -> dict[str, Figure]:
     }
 
 
-def _share(folder: Path, sealed: Path, cause: str, *, allow_own_files: bool) -> float | None:
-    return find_shares(folder, sealed, allow_own_files=allow_own_files)[1].get(cause)
-
-
 def write_score(
     directory: str | Path,
     truth: str | Path,
@@ -159,7 +145,7 @@ def write_score(
         directory,
         truth,
         answers=answers,
-        find_shrink=partial(_share, allow_own_files=allow_effects_file),
+        find_shares=partial(find_shares, allow_own_files=allow_effects_file),
         allow_effects_file=allow_effects_file,
         excluded=excluded,
     )

@@ -138,21 +138,16 @@ _TABLE = 2000  # points of a table of a law, to either side
 def _with_tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance_mm_N: float) -> FaultValues:
     """The kernel's values of what acts, its functions as tables over a range that the motion hardly leaves."""
     q = act.motion
-    if act.displacement_force is not None:
-        grid = uniform_grid(1.5 * amplitude_mm, _TABLE)
-        q = q._replace(displacement_force=act.displacement_force(grid), displacement_step=grid[1] - grid[0])
-    if act.position_factor is not None:
-        grid = uniform_grid(1.5 * amplitude_mm, _TABLE)
-        q = q._replace(position=np.maximum(act.position_factor(grid), 0.05), position_step=grid[1] - grid[0])
-    if act.speed_force is not None:
-        grid = uniform_grid(2.0 * speed_mm_s, _TABLE)
-        q = q._replace(speed_force=act.speed_force(grid), speed_step=grid[1] - grid[0])
-    if act.rate_factor is not None:
-        grid = np.linspace(0.0, 4.0 * speed_mm_s, 4 * _TABLE)
-        q = q._replace(rate=act.rate_factor(grid), rate_step=grid[1] - grid[0])
-    if act.fade_factor is not None:
-        grid = np.linspace(0.0, 400.0, 4 * _TABLE)
-        q = q._replace(fade=np.maximum(act.fade_factor(grid), 0.05), fade_step=grid[1] - grid[0])
+    for name, law, grid, least in (
+        ("displacement_force", act.displacement_force, uniform_grid(1.5 * amplitude_mm, _TABLE), -np.inf),
+        ("position", act.position_factor, uniform_grid(1.5 * amplitude_mm, _TABLE), 0.05),
+        ("speed_force", act.speed_force, uniform_grid(2.0 * speed_mm_s, _TABLE), -np.inf),
+        ("rate", act.rate_factor, np.linspace(0.0, 4.0 * speed_mm_s, 4 * _TABLE), -np.inf),
+        ("fade", act.fade_factor, np.linspace(0.0, 400.0, 4 * _TABLE), 0.05),
+    ):
+        if law is not None:
+            step = f"{name.removesuffix('_force')}_step"
+            q = q._replace(**{name: np.maximum(law(grid), least), step: grid[1] - grid[0]})
     if act.joint_stretch is not None:  # force over stretch, from stretch over force
         force = np.concatenate([np.linspace(0.0, 1.0, 400)[:-1] ** 2, np.linspace(1.0, 100.0, 4000)])
         stretch = compliance_mm_N * force + act.joint_stretch(force)

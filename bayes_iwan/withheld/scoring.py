@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.virtual_rig.faults import CATALOGUE
+from bayes_iwan.withheld.answers import read_answer
 from bayes_iwan.withheld.case_score import CaseScore, score_case
 from bayes_iwan.withheld.estimates import Estimate, findable
 from bayes_iwan.withheld.metrics import by_law, by_outside, confusion, summarise
@@ -20,7 +21,7 @@ from bayes_iwan.withheld.sealed import (
 )
 from bayes_iwan.withheld.truths import read_truth
 
-FindShrink = Callable[[Path, Path, str], float | None]
+FindShares = Callable[[Path, Path], Mapping[str, float]]
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,6 @@ def score_answers(
     found: Mapping[str, Mapping[str, float]] | None = None,
     excluded: Sequence[str] = (),
     notes: Sequence[str] = (),
-    seed: int = 0,
 ) -> Score:
     """Score answers against truths whose seals have been checked.
 
@@ -165,10 +165,10 @@ def score_answers(
     return Score(
         cases=cases,
         faulty=tuple(c for c in everything if c.truth.faulty),
-        summary=summarise(cases, seed),
-        held_back=summarise(new, seed) if new else {},
+        summary=summarise(cases),
+        held_back=summarise(new) if new else {},
         findable_visible=findable(
-            [c.truth.causes[0].visible / c.truth.noise for c in single], [c.found for c in single], seed
+            [c.truth.causes[0].visible / c.truth.noise for c in single], [c.found for c in single]
         ),
         notes=tuple(notes),
     )
@@ -188,16 +188,16 @@ def score(
     truth: Path | str,
     *,
     answers: Path | str | None = None,
-    find_shrink: FindShrink | None = None,
+    find_shares: FindShares | None = None,
     allow_effects_file: bool = False,
     excluded: Sequence[str] = (),
 ) -> Score:
     """Check the commitments, then score `answers.json` (by default `directory/answers/answers.json`).
 
-    Answers are {"answers": {case: diagnosis}} or {case: diagnosis}. `find_shrink(diagnosis_folder, sealed_campaign,
-    cause)` predicts the sealed tests with the diagnosed model, with and without the cause, and returns the share of the
-    gap that it removes there; it is called for every named cause of a case with an sealed campaign in the folder of
-    truths. Where `fits.json` names a file of the answerer's own effects or simulator, that code is run only if
+    Answers are {"answers": {case: diagnosis}} or {case: diagnosis}. `find_shares(diagnosis_folder, sealed_campaign)`
+    predicts the sealed tests with the diagnosed model, with and without each named cause, and returns the share of the
+    gap that each removes there; it is called for every case with a sealed campaign in the folder of truths that names a
+    cause. Where `fits.json` names a file of the answerer's own effects or simulator, that code is run only if
     `allow_effects_file`; else such cases have no share on sealed tests, and the table says so. Raises `WithheldError`
     if a seal is broken.
     """
@@ -210,15 +210,15 @@ def score(
     foreign = []
     for name in sorted(set(given) & set(truths)):
         sealed, fits = sealed_tests(truth, name), answers_path.parent / name / "fits.json"
-        if find_shrink is None or not (sealed / "campaign.toml").is_file() or not fits.is_file():
+        if find_shares is None or not (sealed / "campaign.toml").is_file() or not fits.is_file():
             continue
         check_sealed_tests(name, sealed, truths[name])
         if _names_code(fits) and not allow_effects_file:
             foreign.append(name)
             continue
-        causes = score_case(name, read_truth(name, truths[name]), given[name]).answer.causes
-        values = {c.name: find_shrink(fits.parent, sealed, c.name) for c in causes if c.name in CATALOGUE}
-        found[name] = {k: float(v) for k, v in values.items() if v is not None and np.isfinite(v)}
+        if named := read_answer(name, given[name]).names & set(CATALOGUE):
+            values = find_shares(fits.parent, sealed)
+            found[name] = {k: float(v) for k, v in values.items() if k in named and np.isfinite(v)}
     notes = []
     if foreign:
         notes.append(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign.recording.limits import RigLimits
-from bayes_iwan.diagnosis.answer.imitation import FREEDOMS, edges_of, imitations
+from bayes_iwan.diagnosis.answer.imitation import FREEDOMS, Explanation, _distinguished, _explains, edges_of, imitations
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search.base_fit import fit_base
 from bayes_iwan.diagnosis.search.fitted_sets import calibrated
@@ -100,3 +100,18 @@ def test_parameters_at_the_edge_are_found(damper):
     assert rate.value == pytest.approx(
         float(base.problem.prior["normal_force_rate"].value(np.array(3.6)))
     ) and rate.deviations == pytest.approx(3.6)
+
+
+@pytest.mark.parametrize(
+    ("nats", "share", "apart"),
+    [(-11.0, 0.016, True), (-9.0, 0.016, False), (-11.0, 0.014, False), (-9.0, 0.014, False)],
+)
+def test_explanations_are_told_apart_where_evidence_and_gap_both_do(nats, share, apart):
+    """By more than ten nats, and by half as much gap again: every specimen differs from any model."""
+    assert _distinguished(Explanation("a", 0.0, 0.010), Explanation("b", nats, share)) == apart
+
+
+@pytest.mark.parametrize(("share", "explains"), [(0.01, True), (0.029, True), (0.031, False)])
+def test_an_explanation_does_at_least_half_of_what_the_best_does(share, explains):
+    """Without any 0.05 of the friction is missed, with the best 0.01: half the way is 0.03."""
+    assert _explains(Explanation("b", 0.0, share), Explanation("a", 0.0, 0.01), 0.05) == explains

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Record, average
-from bayes_iwan.diagnosis.answer.gap_findings import pictures, where_json, where_sentences
+from bayes_iwan.diagnosis.answer.gap_findings import where_json, where_sentences
 from bayes_iwan.diagnosis.answer.localisation import where
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.evidence import fit_model
@@ -169,6 +169,9 @@ def test_fading_friction_shows_along_the_record():
     assert not next(x for x in found.of("record") if x.name == "mean").significant
     assert np.all(found.change_N[:, 2] < -0.05)  # less dissipation at the end
     assert size.along.low_N > 0.9 * size.loop.rms_N > 0.0
+    trends = found.of("trend")  # a gap of its own in each test: all of them together are their mean square
+    assert np.sqrt(np.mean([x.gap_N**2 for x in trends])) == pytest.approx(size.along.rms_N, rel=0.05)
+    assert sum(x.share for x in trends) == pytest.approx(1.0, abs=0.01)
     assert all(rms[0] > rms[2] for rms in size.along_N)
     assert "change along the record" in " ".join(where_sentences(found))
 
@@ -237,7 +240,7 @@ def test_two_frequencies_leave_the_power_of_an_elastic_force_open():
     assert "stiffer" not in " ".join(where_sentences(found)) and "softer" not in " ".join(where_sentences(found))
 
 
-def test_json_and_pictures_are_plain(viscous):
+def test_json_is_plain(viscous):
     residual = residual_of(*viscous)
     found, size = where(residual, simulations=100), gap_size(residual)
     told = json.loads(json.dumps(where_json(found, size)))
@@ -247,6 +250,5 @@ def test_json_and_pictures_are_plain(viscous):
     branches = {r["region"]: r["share_of_gap"] for r in told["regions"]}
     assert branches["rising displacement"] + branches["falling displacement"] == pytest.approx(1.0, abs=0.02)
     assert branches["microslip"] + branches["gross slip"] == pytest.approx(1.0, abs=0.02)
-    drawn = pictures(residual, found, size)
-    assert drawn.residual_N.shape == drawn.displacement_mm.shape == (len(TESTS), 64)
+    assert found.phase_N.shape == found.expected_N.shape == (len(TESTS), 64)
     assert where(residual, simulations=100).statistics == found.statistics  # the same seed, the same answer

@@ -1,11 +1,14 @@
 """Draws as wide as the tests disagree: nothing is done where they agree, and stretched draws stay on the posterior."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import bayes_iwan as bi
+from bayes_iwan.inference import identify
+from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.between_tests import stretched
 from bayes_iwan.inference.solving.chains import approximate_draws, least_squares_of
@@ -79,3 +82,21 @@ def test_stretched_draws_are_solutions_and_noise_keeps_its_values(disagreeing):
     error = np.abs(before @ map_ - after).max(axis=1)
     assert np.mean(error < 1e-3) > 0.9, "one linear map takes nearly all draws"
     np.testing.assert_allclose(np.sort(np.linalg.svd(map_)[1])[-1], factors[-1], rtol=0.02)
+
+
+def test_a_quick_posterior_is_as_wide_as_the_tests_disagree_unless_told_not_to_be(disagreeing, monkeypatch):
+    optimum, z = solved(disagreeing)
+    monkeypatch.setattr(identify, "QUICK_DRAWS", len(z))
+    monkeypatch.setattr(identify, "approximate_draws", lambda *_: z)
+    point = SimpleNamespace(z=optimum, optima=optimum[None], optima_log_prob=np.zeros(1))
+
+    def quick(between_tests):
+        settings = settings_of({"sampling": {"between_tests": between_tests}})
+        return identify._approximation(SimpleNamespace, disagreeing, point, settings, 1, 0.0)
+
+    wide, narrow = quick(True), quick(False)
+    expected, factors = stretched(disagreeing, optimum, z)
+    np.testing.assert_array_equal(narrow.z.reshape(z.shape), z)
+    assert narrow.stretch == 1.0 and wide.stretch == np.max(factors) > 1.3
+    np.testing.assert_allclose(wide.z.reshape(z.shape), expected)
+    np.testing.assert_allclose(wide.log_prob.ravel(), disagreeing.log_prob(expected))

@@ -1,6 +1,7 @@
 """The configuration file: defaults, checks, and messages that name the mend."""
 
 import datetime
+import tomllib
 
 import pytest
 
@@ -106,3 +107,43 @@ def test_a_problem_with_nothing_to_fit_is_refused(known):
         make_problem(loops, {"model": model, "parameters": fixed})
     with pytest.raises(ParameterError, match="lies outside"):
         make_problem(loops, {"parameters": {"beta": {"fixed": 1e9}}})
+
+
+#: what a configuration file may leave out. A default that changes changes everybody's answer, so it is changed here too
+DEFAULTS = """
+[loops]
+n_harmonics = 50
+n_blocks = 6
+[model]
+slip = "gamma3"
+normal_force = "hunt_crossley"
+stiffness = "saturating"
+embedded = true
+[likelihood]
+kind = "correlated"
+[search]
+members = 200
+evaluations = 20000
+second_search = true
+reach = 4.0
+starts = 12
+[sampling]
+ensembles = 4
+walkers = 40
+budget_s = 240.0
+max_steps = 200000
+r_hat = 1.01
+ess = 400.0
+taus = 50.0
+draws = 4096
+between_tests = true
+"""
+
+
+def test_an_empty_configuration_is_one_that_says_every_default():
+    tables = tomllib.loads(DEFAULTS)
+    assert settings_of(tables) == settings_of(None) == settings_of({})
+    left_out = {"loops": {"n_phase": None}, "parameters": {}}
+    assert settings_of(None).as_dict() == {
+        name: tables.get(name, {}) | left_out.get(name, {}) for name in (*tables, "parameters")
+    }

@@ -78,6 +78,13 @@ def test_the_end_of_the_stroke_is_said_where_it_matters(problem, known):
     assert "A - u kept at or above 0.01 A" in said and "-0.79 as printed" in said
 
 
+def test_the_end_of_the_stroke_is_that_of_the_test_where_it_matters_most(known):
+    """Tests of 0.5 and 3 mm: α at u = A as printed is 1 − k̃ₙ A^β, A in mm, whatever the campaign's own length."""
+    problem = make_problem(known.loops(tests=((10.0, 0.5), (10.0, 3.0))))
+    floors = floors_at(problem, known.true_z(problem)[0])
+    assert floors.printed_at_end == pytest.approx(1.0 - 0.6 * 3.0**0.6, rel=1e-2)
+
+
 def test_a_simulator_without_a_normal_force_has_no_floors(known):
     problem = make_problem(known.loops(), {}, simulator=BoucWen())
     assert floors_said(problem, np.zeros(problem.ndim)) == ()

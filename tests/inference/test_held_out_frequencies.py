@@ -14,6 +14,7 @@ from bayes_iwan.inference.results.held_out_frequencies import (
 )
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import most_probable
+from bayes_iwan.models.motion import motion_of
 
 SETTINGS = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
 
@@ -59,6 +60,19 @@ def test_mean_forces_which_drift_are_left_aside(loops):
     assert measured == pytest.approx(np.stack([x.force_N - x.force_N.mean() for x in loops[2:]]))
     middle = np.median(force, axis=0)
     assert np.sqrt(np.mean((middle - measured) ** 2)) < 0.1 * np.sqrt(np.mean(measured**2))
+
+
+def test_what_the_others_miss_is_carried_over_to_the_frequency_held_out(loops):
+    """A force of 0.2 N along the velocity that no parameters explain: the prediction follows it, on the same side."""
+    problem = make_problem(loops[:2], SETTINGS)
+    values = problem.prior.values(np.zeros((1, problem.ndim)))
+    values |= {"discrepancy_odd": np.array([0.3]), "discrepancy_even": np.array([0.01])}  # as large, and known to be
+    z = problem.prior.scores(values)
+    missed = 0.2 * np.cos(2.0 * np.pi * loops[0].phase)
+    off = problem.with_force(problem.predict(z)[0] + missed)
+    force, _ = predicted(off, z[0], loops[2:], 1)
+    first = np.fft.rfft(np.median(force, axis=0) - problem.predict(z, motion_of(loops[2:]))[0])[:, 1] / 32.0
+    assert np.all(first.real > 0.05)
 
 
 def test_one_frequency_alone_says_nothing(loops):

@@ -8,6 +8,7 @@ from scipy import stats
 
 from bayes_iwan.comparison.shrinkage import shrunk
 from bayes_iwan.comparison.unusual import rank_unusual
+from bayes_iwan.inference.results import population as module
 from bayes_iwan.inference.results.population import SpecimenDraws, _smaller, coordinate_of, population
 
 
@@ -189,3 +190,18 @@ def test_shrunk_values_are_nearer_the_truth_and_their_intervals_hold():
                 count += 1
     assert count > 200 and together < 0.6 * alone
     assert 0.84 < inside / count < 0.96
+
+
+def test_the_likelihood_of_a_population_is_that_of_a_normal_specimen_with_its_own_error():
+    """Of normal draws Σ w Normal(θ; μ, τ²) is Normal(their mean; μ, τ² + their variance): the kernel adds nothing."""
+    draws = 3.0 + 0.5 * stats.norm.ppf((np.arange(400) + 0.5) / 400)
+    mean, tau = np.array([2.0, 3.0, 3.4]), np.array([0.01, 0.3, 1.0])
+    found = module._log_likelihood(draws, np.full(400, 1.0 / 400), mean, tau)
+    expected = stats.norm(mean[:, None], np.hypot(tau, np.std(draws))).logpdf(3.0)
+    np.testing.assert_allclose(found - found[1, 1], expected - expected[1, 1], atol=0.02)
+
+
+def test_quantiles_of_masses_on_a_grid_are_those_of_the_mass_spread_around_each():
+    x = np.arange(100.0)
+    low, middle, high = module._quantiles(x, np.full(100, 0.01))
+    assert (low, middle, high) == pytest.approx((4.5, 49.5, 94.5))

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.inference.results.predictions import (
     Extrapolation,
+    Prediction,
     PredictionError,
     predicted_at,
     replicated,
@@ -45,6 +47,35 @@ def test_extrapolation_is_said_and_stays_with_the_prediction(predict, f, a, said
     with pytest.warns(Extrapolation, match=said):
         found = predict(f, np.array([0.5, a]))
     assert said in found.extrapolated[1] and said in repr(found)
+
+
+@pytest.mark.parametrize(
+    ("f", "a", "silent"),
+    [
+        (10.0, 0.3 / 1.04, True), (10.0, 0.3 / 1.06, False), (10.0, 1.04, True), (10.0, 1.06, False),
+        (20.0 * 1.04, 1.0, True), (20.0 * 1.06, 1.0, False), (10.0 / 1.4, 0.5, True), (10.0 / 1.6, 0.5, False),
+        (20.0 * 1.4, 0.5, True), (20.0 * 1.6, 0.5, False),
+    ],
+)  # fmt: skip
+def test_a_twentieth_beyond_amplitudes_and_speeds_and_half_beyond_frequencies_is_tested(predict, f, a, silent):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Extrapolation)
+        assert (predict(f, a).extrapolated == ("",)) == silent
+
+
+def test_motions_that_are_small_and_slow_are_extrapolated_and_not_refused(predict):
+    with pytest.warns(Extrapolation, match="frequency 0.02 Hz"):
+        found = predict(0.02, 0.02)
+    assert np.all(np.isfinite(found.force_N)) and "peak speed" not in found.extrapolated[0]
+
+
+def test_bands_are_central_quantiles_of_the_draws():
+    draws = np.linspace(0.0, 10.0, 1001)[:, None, None] * np.ones((1, 1, 2))
+    none = np.zeros((1, 2))
+    found = Prediction(np.array([10.0]), np.array([1.0]), none, draws, Units(), ("",))
+    for level, ends in ((0.9, (0.5, 5.0, 9.5)), (0.5, (2.5, 5.0, 7.5))):
+        assert [x[0, 0] for x in found.band(level)] == pytest.approx(ends)
+    assert repr(found).startswith("10 Hz, 1 mm: ±4.5 N (90 %")
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,18 @@ def test_every_quantity_at_known_numbers(problem, known):
     assert q["kp_N_mm"].unit == "N/mm" and q[f"dissipated_energy_mJ[{problem.loops[0].file}]"].unit == "mJ"
 
 
+def test_quantiles_of_slip_forces_that_reach_far_beyond_the_loops_friction(known):
+    """An exponential of slip forces: its quantile p is −mean ln(1 − p), also where that is seven times the friction."""
+    tests = ((10.0, 0.3), (10.0, 1.0))
+    p = make_problem(known.loops(tests=tests), {"model": {"slip": "gamma1", "normal_force": "constant"}})
+    mean = 2.2 * p.scales.slip_N
+    values = p.prior.values(np.zeros((1, p.ndim))) | {"mean_slip_force_N": np.array([mean]), "eta1": np.array([1.0])}
+    found = quantities(p, p.prior.scores(values))
+    for share in (5, 25, 50, 75, 95):
+        expected = -mean * np.log(1.0 - share / 100.0)
+        assert found[f"slip_force_q{share:02d}_N"].values[0] == pytest.approx(expected, rel=0.02)
+
+
 def test_quantities_in_chunks_and_for_other_tests(problem, monkeypatch):
     z = problem.prior.draw(np.random.default_rng(0), 50)
     whole = quantities(problem, z)

@@ -7,6 +7,7 @@ import html
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from matplotlib.figure import Figure
 import bayes_iwan as bi
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.campaign.recording.units import Units
-from bayes_iwan.diagnosis.answer.gap_findings import GapPictures
 from bayes_iwan.diagnosis.answer.localisation import Located, Statistic
 from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.assessment.budget import Kind, OneOf
@@ -24,9 +24,9 @@ from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import ALONG
 from bayes_iwan.files import RECORD
-from bayes_iwan.report.diagnosis import budget_figures, diagnosis_files, diagnosis_page, gap_figures
-from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
+from bayes_iwan.report.diagnosis import diagnosis_files, diagnosis_page, gap_figures
 from bayes_iwan.report.diagnosis.diagnosis_page import write_diagnosis_page
+from bayes_iwan.report.diagnosis.gap_figures import GapPictures
 from bayes_iwan.report.page import provenance
 from bayes_iwan.report.rendering import Batch, Renderer
 
@@ -36,39 +36,46 @@ T, N = 4, 64
 PHASE = np.arange(N) / N
 
 
-def pictures(miss=0.1):
-    """Four tests whose velocity-phase force is missed, the more the later the test."""
-    size = miss * np.arange(1, T + 1)
-    u = np.sin(2 * np.pi * PHASE) * np.array([0.3, 1.0, 0.3, 1.0])[:, None]
-    residual = size[:, None] * np.cos(2 * np.pi * PHASE)
-    harmonics = np.zeros((T, 8))
-    quadrature = harmonics.copy()
+def pictures(times=1, blocks=3):
+    """Four tests, each so many times, whose velocity-phase force is missed, the more the later the test."""
+    size = np.tile(0.1 * np.arange(1, T + 1), times)
+    f, a = np.tile([5.0, 5.0, 30.0, 30.0], times), np.tile([0.3, 1.0, 0.3, 1.0], times)
+    wave = np.sin(2 * np.pi * PHASE)
+    quadrature = np.zeros((len(size), 8))
     quadrature[:, 1] = size
-    return GapPictures(
-        names=tuple(f"{f:g} Hz, {a:g} mm" for f in (5, 30) for a in (0.3, 1.0)),
-        frequency_hz=np.array([5.0, 5.0, 30.0, 30.0]),
-        amplitude_mm=np.array([0.3, 1.0, 0.3, 1.0]),
-        clock=True,
-        displacement_mm=u,
-        force_N=5 * u + np.cos(2 * np.pi * PHASE),
-        residual_N=residual,
-        expected_N=np.full((T, N), 0.01),
-        sticking=0.5 + 0.5 * np.cos(4 * np.pi * PHASE) * np.ones((T, 1)),
-        in_phase_N=harmonics,
-        quadrature_N=quadrature,
-        expected_harmonic_N=np.full((T, 8), 0.01),
-        gap_N=size / np.sqrt(2),
-        gap_low_N=0.6 * size,
-        gap_high_N=0.8 * size,
-        significant=np.array([False, True, True, True]),
-        friction_N=np.ones(T),
-        cycle=(np.array([2.0, 8.0, 14.0]),) * T,
-        along_N=tuple(np.full(3, s) for s in size),
-        along_low_N=tuple(np.full(3, 0.9 * s) for s in size),
-        along_high_N=tuple(np.full(3, 1.1 * s) for s in size),
-        regions=(
+    record = [SimpleNamespace(frequency_hz=x, amplitude_mm=y, clock=True) for x, y in zip(f, a)]
+    statistics = {
+        "test": [SimpleNamespace(significant=t > 0) for t in range(len(size))],
+        "trend": [SimpleNamespace(significant=False)] * len(size),
+        "region": (
             Statistic("region", "rising displacement", 0.1, 0.09, 0.11, 0.5, 0.5, 0.001, True),
             Statistic("region", "near the lower end", 0.02, 0.0, 0.03, 0.05, 0.3, 0.4, False),
+        ),
+    }
+    return GapPictures(
+        loops=tuple(
+            SimpleNamespace(record=r, displacement_mm=y * wave, force_N=5 * y * wave + np.cos(2 * np.pi * PHASE))
+            for r, y in zip(record, a)
+        ),
+        where=SimpleNamespace(
+            frequency_hz=f,
+            amplitude_mm=a,
+            clock=True,
+            phase_N=size[:, None] * np.cos(2 * np.pi * PHASE),
+            expected_N=np.full((len(size), N), 0.01),
+            sticking=0.5 + 0.5 * np.cos(4 * np.pi * PHASE) * np.ones((len(size), 1)),
+            in_phase_N=np.zeros((len(size), 8)),
+            quadrature_N=quadrature,
+            expected_harmonic_N=np.full((len(size), 8), 0.01),
+            of=statistics.__getitem__,
+        ),
+        size=SimpleNamespace(
+            tests=[SimpleNamespace(rms_N=x / np.sqrt(2), low_N=0.6 * x, high_N=0.8 * x) for x in size],
+            friction_N=np.ones(len(size)),
+            cycle=(np.array([2.0, 8.0, 14.0])[:blocks],) * len(size),
+            along_N=tuple(np.full(blocks, s) for s in size),
+            along_low_N=tuple(np.full(blocks, 0.9 * s) for s in size),
+            along_high_N=tuple(np.full(blocks, 1.1 * s) for s in size),
         ),
     )
 
@@ -84,9 +91,13 @@ def nothing(kit):
     return kit.diagnosed(None)
 
 
+def drawn_figures(found):
+    return {name: draw() for name, draw in diagnosis_files.figures_of_diagnosis(found).items()}
+
+
 @pytest.fixture(scope="module")
 def figures(found):
-    return diagnosis_figures(found)
+    return drawn_figures(found)
 
 
 def answer(found, kind=None, **rest):
@@ -172,7 +183,7 @@ def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures, m
     for told in (f"{damping:.3g}", "seed 1", f"{found.where.count} statistics", "displacement channel", "Remedy"):
         assert told in text, told
     assert text.count("<figure>") == len(figures) and text.count('class="picture phone"') == len(figures)
-    assert set(figures) >= {"headline", "budget", "shares", "moved", "before_after", "probabilities"}
+    assert set(figures) >= {"headline", "shares", "moved", "before_after", "probabilities"}
 
 
 def test_the_gap_stands_as_a_sum(tmp_path, found):
@@ -269,24 +280,25 @@ def bars(axes):
 
 def test_the_waterfall_falls_from_the_gap_to_the_rest(found, figures):
     share, rest = found.verdict.causes[0].share.value, found.budget.unexplained.share.value
-    for name in ("budget", "headline"):
-        drawn = bars(figures[name].axes[0])
-        assert list(drawn) == ["gap", "viscous damping", "unexplained", "noise"]
-        assert drawn["gap"][:2] == (0.0, 1.0)
-        left, width, text = drawn["viscous damping"]
-        assert (left + width, width) == pytest.approx((1.0, share)) and text.startswith(f"{100 * share:.0f} %  (")
-        assert drawn["unexplained"][:2] == pytest.approx((0.0, rest))
-    flagged = replace(found.budget, unexplained=replace(found.budget.unexplained, probability=0.9))
+    shown = bars(figures["headline"].axes[0])
+    assert list(shown) == ["gap", "viscous damping", "unexplained", "noise"]
+    assert shown["gap"][:2] == (0.0, 1.0)
+    left, width, text = shown["viscous damping"]
+    assert (left + width, width) == pytest.approx((1.0, share)) and text.startswith(f"{100 * share:.0f} %  (")
+    assert shown["unexplained"][:2] == pytest.approx((0.0, rest))
     some = (OneOf(("end_stop", "free_play", "mains_interference"), 0.9, 0.5 * rest),)
-    drawn = bars(budget_figures.budget_figure(flagged, some).axes[0])
-    assert list(drawn) == ["gap", "viscous damping", "unexplained", "of it one of: end stop\nor 2 others", "noise"]
-    assert drawn["of it one of: end stop\nor 2 others"][:2] == pytest.approx((0.5 * rest, 0.5 * rest))
+    flagged = replace(found.budget, unexplained=replace(found.budget.unexplained, probability=0.9))
+    shown = bars(
+        drawn_figures(replace(found, budget=flagged, verdict=replace(found.verdict, one_of=some)))["headline"].axes[0]
+    )
+    assert list(shown) == ["gap", "viscous damping", "unexplained", "of it one of: end stop\nor 2 others", "noise"]
+    assert shown["of it one of: end stop\nor 2 others"][:2] == pytest.approx((0.5 * rest, 0.5 * rest))
 
 
 def test_noise_above_the_gap_is_told_as_it_is(nothing):
     before = replace(nothing.budget.before, rms_N=nothing.budget.before.noise_N / 3)
-    drawn = bars(budget_figures.budget_figure(replace(nothing.budget, before=before)).axes[0])
-    assert list(drawn) == ["gap", "unexplained", "noise"] and drawn["noise"][2] == "300 %"
+    shown = bars(drawn_figures(replace(nothing, budget=replace(nothing.budget, before=before)))["headline"].axes[0])
+    assert list(shown) == ["gap", "unexplained", "noise"] and shown["noise"][2] == "300 %"
 
 
 def test_the_headline_shows_the_worst_test_with_and_without_the_cause(found, figures):
@@ -300,7 +312,7 @@ def test_the_headline_shows_the_worst_test_with_and_without_the_cause(found, fig
 
 def test_a_gap_that_changes_along_the_record_is_shown_at_its_ends(found):
     along = replace(found.before.along, rms_N=2.0 * found.before.loop.rms_N)
-    ends = diagnosis_figures(replace(found, before=replace(found.before, along=along)))["headline"].axes[1:]
+    ends = drawn_figures(replace(found, before=replace(found.before, along=along)))["headline"].axes[1:]
     assert len(ends) == 2 and "cycles 1 to" in ends[0].get_title(loc="left")
     test = int(np.argmax(gap_power_N2(found.residual, (ALONG,))))
     loop = found.residual.data.loops[test]
@@ -371,7 +383,7 @@ def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found, 
 
 
 def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_page(tmp_path, found, monkeypatch):
-    monkeypatch.setattr(diagnosis_files, "diagnosis_figures", lambda found, ahead: {})
+    monkeypatch.setattr(diagnosis_files, "figures_of_diagnosis", lambda found: {})
     out = tmp_path / "out"
     bi.write(found, out)
     assert {"diagnosis.json", "diagnosis.html", "fits.json"} <= {x.name for x in out.iterdir()}
@@ -419,10 +431,7 @@ def test_one_figure_of_a_diagnosis_takes_style_width_and_axes(found):
 
 
 def test_many_tests_and_single_blocks_draw():
-    p = pictures()
-    many = {k: np.concatenate([v] * 6) for k, v in vars(p).items() if isinstance(v, np.ndarray)}
-    many |= {k: tuple(x[:1] for x in getattr(p, k) * 6) for k in ("cycle", "along_N", "along_low_N", "along_high_N")}
-    drawn = gap_figures.figures_of_gap(replace(p, names=tuple(f"test {i}" for i in range(6 * T)), **many))
+    drawn = gap_figures.figures_of_gap(pictures(times=6, blocks=1))
     assert "gap_cycles" not in drawn and len(drawn["gap_loops"]().axes) == 6 * T + 1
 
 

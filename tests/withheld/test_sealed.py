@@ -265,11 +265,11 @@ def test_shares_on_sealed_tests_are_found_and_foreign_code_is_not_run_unasked(ma
     answers = answer(folder, answerers.end_stop, out=tmp_path)
     asked = []
 
-    def find_shrink(diagnosis, sealed, cause):
-        asked.append((diagnosis.name, cause, len(read_campaign(sealed).tests)))
-        return 0.7
+    def shares(diagnosis, sealed):
+        asked.append((diagnosis.name, len(read_campaign(sealed).tests)))
+        return {"end_stop": 0.7}
 
-    refused = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink)
+    refused = scoring.score(folder, truth, answers=answers, find_shares=shares)
     assert asked == [] and "--allow-effects-file): case_02" in refused.table()
     fits = tmp_path / "case_02" / "fits.json"
     fits.write_text(json.dumps({"effects_file": None, "simulator_file": "mine.py"}))
@@ -286,8 +286,8 @@ def test_shares_on_sealed_tests_are_found_and_foreign_code_is_not_run_unasked(ma
         withheld_scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
     with pytest.raises(ValueError, match="not run unasked"):
         find_shares(fits.parent, truth.parent / "sealed" / "case_02")
-    score = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink, allow_effects_file=True)
-    assert asked == [("case_02", "end_stop", 1)]
+    score = scoring.score(folder, truth, answers=answers, find_shares=shares, allow_effects_file=True)
+    assert asked == [("case_02", 1)]
     inside = score.summary["share found on sealed tests: in its 90 % interval"]
     assert (inside.count, inside.n) == (1, 1)
     assert score.summary["no fault: a cause named or a unknown cause flagged (false alarm)"].count == 0

@@ -1,18 +1,13 @@
-"""Size and place of the gap as plain sentences, as JSON and as arrays for pictures."""
+"""Size and place of the gap as plain sentences and as JSON."""
 
 from collections import defaultdict
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array
-from bayes_iwan.campaign import Loop
 from bayes_iwan.diagnosis.answer.growth_laws import GrowthLaw
 from bayes_iwan.diagnosis.answer.localisation import Statistic, Where
 from bayes_iwan.diagnosis.answer.wording import force, percent
 from bayes_iwan.diagnosis.fits.gap_size import GapSize
-from bayes_iwan.diagnosis.fits.residuals import Residual
 
 #: a part of the loop gets a sentence when its share of the gap is this many times its share of the time
 CONCENTRATED = 1.25
@@ -101,79 +96,6 @@ def where_json(where: Where, size: GapSize) -> dict[str, object]:
         ],
         "sentences": where_sentences(where),
     }
-
-
-@dataclass(frozen=True)
-class GapPictures:
-    """What :mod:`bayes_iwan.report.diagnosis.gap_figures` draws of the gap of T tests.
-
-    names : of the tests; frequency_hz, amplitude_mm : (T,); clock : are the frequencies real?
-    displacement_mm, force_N, residual_N, expected_N, sticking : (T, n) along the cycle: measured, measured − predicted,
-        what noise and a right model's usual discrepancy would leave, the share of sliders that stick
-    in_phase_N, quadrature_N, expected_harmonic_N : (T, H) harmonics of the residual
-    gap_N, gap_low_N, gap_high_N, friction_N : (T,) RMS with its 90 % interval, RMS friction force
-    significant : (T,) whether it is more than a right model would leave
-    cycle, along_N, along_low_N, along_high_N : by test, (B,) mean cycle of a block and RMS residual there
-    regions : parts of the loop
-    """
-
-    names: tuple[str, ...]
-    frequency_hz: Array
-    amplitude_mm: Array
-    clock: bool
-    displacement_mm: Array
-    force_N: Array
-    residual_N: Array
-    expected_N: Array
-    sticking: Array | None
-    in_phase_N: Array
-    quadrature_N: Array
-    expected_harmonic_N: Array
-    gap_N: Array
-    gap_low_N: Array
-    gap_high_N: Array
-    significant: NDArray[np.bool_]
-    friction_N: Array
-    cycle: tuple[Array, ...]
-    along_N: tuple[Array, ...]
-    along_low_N: tuple[Array, ...]
-    along_high_N: tuple[Array, ...]
-    regions: tuple[Statistic, ...]
-
-
-def test_name(loop: Loop) -> str:
-    """A test by frequency and amplitude; without a clock by its amplitude."""
-    at = f"{loop.record.frequency_hz:g} Hz, " if loop.record.clock else ""
-    return f"{at}{loop.record.amplitude_mm:g} mm"
-
-
-def pictures(residual: Residual, where: Where, size: GapSize) -> GapPictures:
-    """What is drawn of a gap."""
-    loops, shown = residual.data.loops, zip(where.of("test"), where.of("trend"))
-    return GapPictures(
-        names=tuple(test_name(x) for x in loops),
-        frequency_hz=where.frequency_hz,
-        amplitude_mm=where.amplitude_mm,
-        clock=where.clock,
-        displacement_mm=np.stack([x.displacement_mm for x in loops]),
-        force_N=np.stack([x.force_N for x in loops]),
-        residual_N=where.phase_N,
-        expected_N=where.expected_N,
-        sticking=where.sticking,
-        in_phase_N=where.in_phase_N,
-        quadrature_N=where.quadrature_N,
-        expected_harmonic_N=where.expected_harmonic_N,
-        gap_N=np.array([g.rms_N for g in size.tests]),
-        gap_low_N=np.array([g.low_N for g in size.tests]),
-        gap_high_N=np.array([g.high_N for g in size.tests]),
-        significant=np.array([x.significant or y.significant for x, y in shown]),
-        friction_N=size.friction_N,
-        cycle=size.cycle,
-        along_N=size.along_N,
-        along_low_N=size.along_low_N,
-        along_high_N=size.along_high_N,
-        regions=tuple(where.of("region")),
-    )
 
 
 def _statistic(x: Statistic, key: str) -> dict[str, object]:

@@ -22,19 +22,16 @@ from bayes_iwan.effects.base import Effect, EffectError
 from bayes_iwan.effects.catalogue import UNLISTED, load_effects, ordered, variants
 from bayes_iwan.effects.conditions import FollowsCondition
 from bayes_iwan.errors import InputError
-from bayes_iwan.files import write_json
+from bayes_iwan.files import reading, write_json
 from bayes_iwan.inference.setup.config import diagnose_settings_of
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
-from bayes_iwan.models import ModelError
 from bayes_iwan.models.user_file import load_simulator
 
 SCHEMA = 5
+AGAIN = "diagnose the campaign again"
 #: phases, harmonics and blocks of cycles that diagnoses work on
 LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
-
-
-#: what a damaged file raises on the way to its fits
 
 
 class SavedFitsError(InputError):
@@ -116,15 +113,10 @@ def write_fits(
 
 def read_fits(path: Path) -> SavedFits:
     """What `fits.json` holds. Raises SavedFitsError in one line where it is missing, damaged or of another version."""
-    try:
+    with reading(path, SavedFitsError, AGAIN):
         stored = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SavedFitsError(f"{path}: cannot be read ({error.strerror}); diagnose the campaign again") from None
-    except (ValueError, RecursionError):
-        raise SavedFitsError(f"{path}: damaged, no JSON; diagnose the campaign again") from None
-    if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
-        raise SavedFitsError(f"{path}: not fits of this version (schema {SCHEMA}); diagnose the campaign again")
-    try:
+        if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
+            raise SavedFitsError(f"{path}: not fits of this version (schema {SCHEMA}); {AGAIN}")
         effects, simulator = (None if stored[k] is None else str(stored[k]) for k in ("effects_file", "simulator_file"))
         fits = {_set_of(k): _fit(f) for k, f in stored["fits"].items()}
         return SavedFits(
@@ -134,8 +126,6 @@ def read_fits(path: Path) -> SavedFits:
             simulator,
             fits,
         )
-    except Exception as error:  # the same of its form
-        raise _damaged(path, error) from None
 
 
 def _set_of(key: str) -> frozenset[str]:
@@ -159,19 +149,12 @@ def _fit(stored: dict[str, Any]) -> SavedFit:
     return SavedFit(effects, tuple(former_names.parameters_in(str(n)) for n in stored["names"]), z, covariance, size)
 
 
-def _damaged(path: Path, error: Exception) -> SavedFitsError:
-    said = " ".join(str(error).split())[:120]
-    return SavedFitsError(f"{path}: damaged ({type(error).__name__}: {said}); diagnose the campaign again")
+def find_shares(diagnosis: Path, held_out_campaign: Path, *, allow_own_files: bool = False) -> dict[str, float]:
+    """Share of the gap (Shapley value) that each named cause of a diagnosis removes on tests of another campaign folder
+    of the specimen; empty where none is named or there is no gap.
 
-
-def find_shares(
-    diagnosis: Path, held_out_campaign: Path, *, allow_own_files: bool = False
-) -> tuple[float | None, dict[str, float]]:
-    """What the named causes of a diagnosis remove of the gap on tests of another campaign folder of the specimen.
-
-    Returns the shrink by all of them together (None where none is named or there is no gap) and each one's share of
-    the gap (Shapley value). allow_own_files : run the Python files of own effects or simulators that `fits.json` names.
-    Raises SavedFitsError, EffectError.
+    allow_own_files : run the Python files of own effects or simulators that `fits.json` names. Raises SavedFitsError,
+    EffectError.
     """
     path = Path(diagnosis) / "fits.json"
     stored = read_fits(path)
@@ -179,21 +162,14 @@ def find_shares(
     if own and not allow_own_files:
         raise SavedFitsError(f"{path}: names a Python file, which is not run unasked: {own}")
     data = gap_data(read_campaign(held_out_campaign).loops(**LOOPS))
-    try:
+    with reading(path, SavedFitsError, AGAIN):
         power_N2 = {
             k: gap_power_N2(residual_of(data, rebuilt(stored, f, data), refitted=False)).mean()
             for k, f in stored.fits.items()
         }
         gap = {k: float(np.sqrt(max(float(x), 0.0))) for k, x in power_N2.items()}
-        whole, before = max(gap, key=len), gap[frozenset()]
-        if before <= 0.0 or not whole:
-            return None, {}
-        parts = shares_of(whole, gap)
-    except (EffectError, ModelError):
-        raise
-    except Exception as error:  # a file that somebody has changed breaks whatever is made of it, in any way
-        raise _damaged(path, error) from None
-    return 1.0 - gap[whole] / before, parts
+        whole = max(gap, key=len)
+        return shares_of(whole, gap) if whole and gap[frozenset()] > 0.0 else {}
 
 
 def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:

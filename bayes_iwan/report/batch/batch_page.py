@@ -7,8 +7,10 @@ from urllib.parse import quote
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayes_iwan.comparison.unusual import Unusual
 from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.models import Model
@@ -217,15 +219,19 @@ def unusual_figure(result: Batch) -> Figure:
     """Every specimen by its robust distance from the others."""
     shown = result.unusual[:RANKED]
     figure, axes = subplots(1, 1, 6.4, 0.19 * len(shown) + 0.9)
-    ax = axes[0, 0]
+    draw_unusual(axes[0, 0], shown)
+    axes[0, 0].set_xlabel("robust distance")
+    return figure
+
+
+def draw_unusual(ax: Axes, shown: Sequence[Unusual]) -> None:
+    """Bars of some specimens' distances, the first on top; those that stand out in orange."""
     at = np.arange(len(shown))
     ax.barh(at, [x.distance for x in shown], color=[ORANGE if x.notable else MODEL for x in shown], height=0.65)
     ax.axvline(1.0, color=MEASURED, linewidth=0.8, linestyle=":")
     ax.set_yticks(at, [x.name for x in shown])
     ax.set_ylim(len(shown) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("robust distance")
-    return figure
 
 
 @styled

@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_iwan import __version__
+from bayes_iwan.report.batch.batch_page import draw_unusual
 from bayes_iwan.report.batch.specimens import Batch
 from bayes_iwan.report.identification.marginals import in_interval, number
-from bayes_iwan.report.style import BLUE, MODEL, ORANGE, house_style, save, styled
+from bayes_iwan.report.style import house_style, save, styled
 
 #: inches of A4; quantities and specimens that one page has space for
 A4 = (8.27, 11.69)
@@ -109,12 +110,8 @@ def _ranking(ax: Axes, batch: Batch) -> None:
     if not shown:
         ax.axis("off")
         return
-    at = np.arange(len(shown))
-    ax.barh(at, [x.distance for x in shown], color=[ORANGE if x.notable else BLUE for x in shown], height=0.65)
-    ax.axvline(1.0, color=MODEL, linewidth=0.8, linestyle=":")
-    ax.set_yticks(at, [x.name[:28] for x in shown], fontsize=7)
-    ax.invert_yaxis()
-    ax.grid(axis="y", visible=False)
+    draw_unusual(ax, shown)
+    ax.set_yticks(ax.get_yticks(), [x.name[:28] for x in shown], fontsize=7)
     more = f" (the first {SPECIMENS} of {len(batch.unusual)})" if len(batch.unusual) > SPECIMENS else ""
     ax.set_xlabel(f"robust distance from the others, 1 for a usual one{more}; orange: unusual")
 

@@ -12,7 +12,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.answer.result import Moved
 from bayes_iwan.diagnosis.answer.wording import title
 from bayes_iwan.diagnosis.assessment.budget import NAMED, GapBudget, OneOf
-from bayes_iwan.report.diagnosis.gap_figures import panels
+from bayes_iwan.report.diagnosis.gap_figures import panel_a_test
 from bayes_iwan.report.style import (
     BLACK,
     BLUE,
@@ -79,15 +79,6 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
     ax.set_xlim(0.0, 1.18)
     ax.set_xticks(np.linspace(0, 1, 5), [f"{p} %" for p in (0, 25, 50, 75, 100)])
     ax.grid(axis="y", visible=False)
-
-
-@styled
-def budget_figure(budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Figure:
-    """The gap as a waterfall: what each named cause removes, and what is unexplained."""
-    figure, axes = subplots(1, 1, 6.6, 0.36 * (len(budget.causes) + len(one_of) + 3) + 0.7)
-    _waterfall(axes[0, 0], budget, one_of)
-    axes[0, 0].set_xlabel(f"share of the gap of {budget.before.rms_N:.3g} N RMS, 90 % intervals in brackets")
-    return figure
 
 
 @dataclass(frozen=True)
@@ -209,7 +200,7 @@ def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str
 @styled
 def before_after_figure(shown: Sequence[CycleResidual], causes: str) -> Figure:
     """Residual along the cycle of every test with the base model and with the causes in it; grey: a right model."""
-    figure, axes = panels(len(shown), height=1.7)
+    figure, axes = panel_a_test(len(shown), height=1.7)
     for ax, one in zip(axes, shown):
         _cycle_residual(ax, one, causes)
         ax.set_title(one.name, loc="left")

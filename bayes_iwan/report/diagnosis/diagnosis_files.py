@@ -1,7 +1,7 @@
 """A diagnosis as files: `diagnosis.json`, `fits.json`, the page and the figures."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.folders.folder import folder_of
 from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
-from bayes_iwan.diagnosis.answer.gap_findings import pictures
 from bayes_iwan.diagnosis.answer.localisation import (
     Located,
     ProgressListener,
@@ -29,10 +28,10 @@ from bayes_iwan.files import clear, results_folder
 from bayes_iwan.report.diagnosis import budget_figures
 from bayes_iwan.report.diagnosis.budget_figures import CycleResidual
 from bayes_iwan.report.diagnosis.diagnosis_page import order_ahead, write_diagnosis_page
-from bayes_iwan.report.diagnosis.gap_figures import figures_of_gap
+from bayes_iwan.report.diagnosis.gap_figures import GapPictures, figures_of_gap
 from bayes_iwan.report.page import provenance
 from bayes_iwan.report.rendering import Renderer, shared
-from bayes_iwan.report.style import house_style, relabel
+from bayes_iwan.report.style import house_style
 from bayes_iwan.report.viewer import effect_viewer_data
 
 #: work of drawing (:func:`bayes_iwan.report.rendering.shared`) that takes about as long as weighing causes
@@ -51,48 +50,30 @@ class Ahead(ProgressListener):
 
     @house_style()
     def located(self, found: Located) -> None:
-        units = found.campaign.units
-        self.figures = {
-            n: draw() for n, draw in figures_of_gap(pictures(found.residual, found.where, found.size)).items()
-        }
-        for figure in self.figures.values():
-            relabel(figure, units)
-        order_ahead(self.figures, units, self.renderer)
+        gap = GapPictures(found.residual.data.loops, found.where, found.size)
+        self.figures = {name: draw() for name, draw in figures_of_gap(gap).items()}
+        order_ahead(self.figures, found.campaign.units, self.renderer)
 
 
 def figures_of_diagnosis(found: Diagnosis) -> dict[str, Callable[[], Figure]]:
     """What draws each figure of a diagnosis, by name, in N and mm."""
-    drawn = pictures(found.residual, found.where, found.before)
-    out = figures_of_gap(drawn)
+    gap, where = GapPictures(found.residual.data.loops, found.where, found.before), found.where
+    out = figures_of_gap(gap)
     verdict, budget = found.verdict, found.budget
-    out["budget"] = partial(budget_figures.budget_figure, budget, verdict.one_of)
     out["probabilities"] = partial(budget_figures.probabilities_figure, verdict.probabilities, verdict.names)
     causes = listed(verdict.names) if 0 < len(verdict.names) < 3 else "all named causes" if verdict.names else ""
     after = along_cycle(found.after_residual, found.after_residual.value) if verdict.causes else None
     average = [
-        CycleResidual(name, drawn.residual_N[t], None if after is None else after[t], drawn.expected_N[t])
-        for t, name in enumerate(drawn.names)
+        CycleResidual(name, where.phase_N[t], None if after is None else after[t], where.expected_N[t])
+        for t, name in enumerate(gap.names)
     ]
     if verdict.causes:
         out["before_after"] = partial(budget_figures.before_after_figure, average, causes)
         out["moved"] = partial(budget_figures.moved_figure, found.moved)
         out["shares"] = partial(budget_figures.shares_figure, budget)
-    shown = _changing(found, drawn.names) or (average[int(np.argmax(drawn.gap_N))],)
+    shown = _changing(found, gap.names) or (average[int(np.argmax(gap.gap_N))],)
     out["headline"] = partial(budget_figures.headline_figure, budget, shown, causes, verdict.one_of)
     return out
-
-
-def drawn_of(found: Diagnosis, draw: Callable[[], Figure]) -> Figure:
-    """A figure in the campaign's own units."""
-    figure = draw()
-    relabel(figure, found.campaign.units)
-    return figure
-
-
-def diagnosis_figures(found: Diagnosis, ahead: Mapping[str, Figure] | None = None) -> dict[str, Figure]:
-    """Every figure of a diagnosis by name, in the campaign's own units; ahead : those that were made already."""
-    ahead = ahead or {}
-    return {n: ahead[n] if n in ahead else drawn_of(found, draw) for n, draw in figures_of_diagnosis(found).items()}
 
 
 def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[CycleResidual, ...]:
@@ -136,7 +117,8 @@ def write_found(found: Diagnosis, out: Path, overwrite: bool = False) -> Path:
 
 @house_style()
 def _write(found: Diagnosis, folder: Path, ahead: Ahead) -> Path:
-    figures = diagnosis_figures(found, ahead.figures)
+    # in N and mm: the page puts its units into them
+    figures = {name: ahead.figures.get(name) or draw() for name, draw in figures_of_diagnosis(found).items()}
     clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")
     page = write_diagnosis_page(
         found,

@@ -202,9 +202,7 @@ class CannotTell(DiagnosedSection):
 
     @property
     def test(self) -> str:
-        x = self.following
-        at = "" if x.frequency_hz is None else f"{plain(x.frequency_hz)} Hz at "
-        return f"{at}{plain(x.amplitude_mm)} mm for {x.cycles} cycles"
+        return sentences.planned(self.following)
 
     @property
     def odds(self) -> str:

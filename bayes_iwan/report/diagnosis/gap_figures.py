@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -12,39 +13,74 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.timing.groups import groups_of
-from bayes_iwan.diagnosis.answer.gap_findings import GapPictures
-from bayes_iwan.diagnosis.answer.localisation import Statistic
-from bayes_iwan.report.style import BLACK, BLUE, PRIOR, decimal_ticks, narrow, points, series, styled, subplots, ticked
+from bayes_iwan.diagnosis.answer.localisation import Statistic, Where
+from bayes_iwan.diagnosis.fits.gap_size import GapSize
+from bayes_iwan.report.style import (
+    BLACK,
+    BLUE,
+    PRIOR,
+    decimal_ticks,
+    narrow,
+    panels,
+    points,
+    series,
+    styled,
+    subplots,
+    ticked,
+)
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
 _DIVERGING = "RdBu_r"
 _TEST_MARKERS = "osD^v<>PX*"
 
 
-def panels(count: int, width: float = 2.5, height: float = 2.2) -> tuple[Figure, list[Axes]]:
+@dataclass(frozen=True)
+class GapPictures:
+    """The gap of T tests as it is drawn: their loops, its place and its size."""
+
+    loops: tuple[Loop, ...]
+    where: Where
+    size: GapSize
+
+    @property
+    def clock(self) -> bool:
+        return self.where.clock
+
+    @property
+    def names(self) -> list[str]:
+        """Of the tests, by frequency (with a clock) and amplitude."""
+        return [f"{x.record.frequency_hz:g} Hz, " * self.clock + f"{x.record.amplitude_mm:g} mm" for x in self.loops]
+
+    @property
+    def gap_N(self) -> Array:
+        """(T,) RMS."""
+        return np.array([g.rms_N for g in self.size.tests])
+
+    @property
+    def significant(self) -> list[bool]:
+        """Is a test's gap more than a right model would leave?"""
+        return [x.significant or y.significant for x, y in zip(self.where.of("test"), self.where.of("trend"))]
+
+
+def panel_a_test(count: int, height: float = 2.2) -> tuple[Figure, list[Axes]]:
     """A figure of so many panels in rows of three or four."""
-    columns = min(2 if narrow() else 4 if count % 3 else 3, count)
-    rows = math.ceil(count / columns)
-    figure, axes = subplots(rows, columns, max(width * columns + 0.9, 4.5), height * rows + 0.6)
-    flat = list(axes.ravel())
-    for ax in flat[count:]:
-        ax.remove()
-    return figure, flat[:count]
+    columns = 2 if narrow() else 4 if count % 3 else 3
+    return panels(count, columns, (2.5, height), (0.9, 0.6), (4.5, 0.0))
 
 
 @styled
 def gap_loops_figure(p: GapPictures) -> Figure:
     """Every test's measured loop, its colour and thickness telling what the model misses there; (T, n) arrays."""
-    names, displacement_mm, force_N, residual_N = p.names, p.displacement_mm, p.force_N, p.residual_N
-    shares = p.gap_N / p.friction_N
-    figure, axes = panels(len(names))
+    names, residual_N, shares = p.names, p.where.phase_N, p.gap_N / p.size.friction_N
+    figure, axes = panel_a_test(len(names))
     limit = max(float(np.quantile(np.abs(residual_N), 0.995)), 1e-12)
     norm = TwoSlopeNorm(0.0, -limit, limit)
     colours = colormaps[_DIVERGING]
     for t, ax in enumerate(axes):
-        closed = np.r_[np.arange(displacement_mm.shape[1]), 0]
-        u, f, r = displacement_mm[t, closed], force_N[t, closed], residual_N[t, closed]
+        u, f, r = (np.r_[x, x[0]] for x in (p.loops[t].displacement_mm, p.loops[t].force_N, residual_N[t]))
         ax.plot(u, f, color="#BBBBBB", linewidth=0.8, zorder=1)
         pieces = np.stack([np.stack([u[:-1], f[:-1]], axis=1), np.stack([u[1:], f[1:]], axis=1)], axis=1)
         between = 0.5 * (r[:-1] + r[1:])
@@ -72,10 +108,10 @@ def gap_map_figure(p: GapPictures) -> Figure:
 
     Above: the displacement. sticking (T, n) marks where half of the elements have begun to slip.
     """
-    names, residual_N, expected_N, sticking = p.names, p.residual_N, p.expected_N, p.sticking
-    displacement_mm = p.displacement_mm
-    tests, n = residual_N.shape
-    ratio = residual_N / np.maximum(expected_N, 1e-12)
+    names, sticking = p.names, p.where.sticking
+    displacement_mm = np.stack([x.displacement_mm for x in p.loops])
+    tests, n = displacement_mm.shape
+    ratio = p.where.phase_N / np.maximum(p.where.expected_N, 1e-12)
     limit = max(4.0, float(np.quantile(np.abs(ratio), 0.98)))
     figure, axes = subplots(2, 1, 7.0, 1.9 + 0.27 * tests, sharex=True, height_ratios=[1.0, max(0.35 * tests, 1.5)])
     top, ax = axes[:, 0]
@@ -113,8 +149,8 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
 
     Grey: what a right model would leave, twice its standard deviation.
     """
-    names, in_phase_N, quadrature_N = p.names, p.in_phase_N, p.quadrature_N
-    expected_N = p.expected_harmonic_N
+    names, in_phase_N, quadrature_N = p.names, p.where.in_phase_N, p.where.quadrature_N
+    expected_N = p.where.expected_harmonic_N
     orders = np.arange(1, in_phase_N.shape[1])
     figure, axes = subplots(1, 2, 7.4, 3.3, sharey=True)
     offsets = np.linspace(-0.34, 0.34, len(names))
@@ -158,8 +194,9 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
 @styled
 def gap_growth_figure(p: GapPictures) -> Figure:
     """The gap of each test against frequency and against amplitude, with 90 % intervals (T,); open: no finding."""
-    gap_N, low_N, high_N, found = p.gap_N, p.gap_low_N, p.gap_high_N, p.significant
-    frequency_hz, amplitude_mm = p.frequency_hz, p.amplitude_mm
+    low_N, high_N = np.array([(g.low_N, g.high_N) for g in p.size.tests]).T
+    gap_N, found = p.gap_N, p.significant
+    frequency_hz, amplitude_mm = p.where.frequency_hz, p.where.amplitude_mm
     figure, axes = subplots(1, 2, 7.0, 3.2, sharey=True)
     floor = max(float(np.min(np.where(gap_N > 0, gap_N, np.inf))), 1e-9) if np.any(gap_N > 0) else 1e-6
     pairs = (
@@ -216,13 +253,13 @@ def _nominal(value: float) -> float:
 @styled
 def gap_cycles_figure(p: GapPictures) -> Figure:
     """The gap block by block along each record, with 90 % intervals; a missing cause that evolves shows as a slope."""
-    names, cycle, along_N, low_N, high_N = p.names, p.cycle, p.along_N, p.along_low_N, p.along_high_N
+    names, size, cycle, along_N = p.names, p.size, p.size.cycle, p.size.along_N
     figure, axes = subplots(1, 1, 6.4, 3.3)
     ax = axes[0, 0]
     shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
     for t, name in enumerate(names):
         ax.plot(cycle[t], along_N[t], label=name, marker=_TEST_MARKERS[t % 10], markersize=3.5, color=shades[t])
-        ax.fill_between(cycle[t], low_N[t], high_N[t], color=shades[t], alpha=0.15, linewidth=0)
+        ax.fill_between(cycle[t], size.along_low_N[t], size.along_high_N[t], color=shades[t], alpha=0.15, linewidth=0)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("cycle number (mean of each block of cycles)")
     ax.set_ylabel("gap (N RMS)")
@@ -251,17 +288,16 @@ def gap_regions_figure(regions: Sequence[Statistic]) -> Figure:
 
 
 def figures_of_gap(p: GapPictures) -> dict[str, Callable[[], Figure]]:
-    """What draws each figure of the gap itself, by name, from
-    :func:`bayes_iwan.diagnosis.answer.gap_findings.pictures`."""
+    """What draws each figure of the gap itself, by name."""
     out: dict[str, Callable[[], Figure]] = {
         "gap_loops": partial(gap_loops_figure, p),
         "gap_map": partial(gap_map_figure, p),
-        "gap_regions": partial(gap_regions_figure, p.regions),
+        "gap_regions": partial(gap_regions_figure, p.where.of("region")),
         "gap_harmonics": partial(gap_harmonics_figure, p),
     }
     if p.clock:
         out["gap_growth"] = partial(gap_growth_figure, p)
-    if any(len(x) > 1 for x in p.cycle):
+    if any(len(x) > 1 for x in p.size.cycle):
         out["gap_cycles"] = partial(gap_cycles_figure, p)
     return out
 

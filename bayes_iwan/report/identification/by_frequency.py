@@ -1,7 +1,5 @@
 """Figures and tables of each frequency alone beside all together."""
 
-import math
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -14,7 +12,7 @@ from bayes_iwan.report.identification.loops import some_tests, test_name
 from bayes_iwan.report.identification.marginals import interval, number, symbol_of
 from bayes_iwan.report.identification.tables import spread
 from bayes_iwan.report.page import Cell, Table
-from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, narrow, styled, subplots, ticked
+from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, narrow, panels, styled, ticked
 
 
 def _draws(posterior: Posterior, name: str) -> Array:
@@ -38,12 +36,10 @@ def wander_figure(frequencies: Frequencies) -> Figure:
     checks = frequencies.checks
     hz = frequencies.hz
     many = len(hz) > 4
-    columns = min(2 if narrow() else 3 if many else 4, len(checks))
-    rows = math.ceil(len(checks) / columns)
-    wide, tall = (2.7, 1.95) if many else (2.0, 1.75)
-    figure, axes = subplots(rows, columns, wide * columns + 0.3, tall * rows + 0.3)
+    columns = 2 if narrow() else 3 if many else 4
+    figure, axes = panels(len(checks), columns, (2.7, 1.95) if many else (2.0, 1.75), (0.3, 0.3), (0.0, 0.0))
     places = np.arange(len(hz))
-    for ax, check in zip(axes.ravel(), checks):
+    for ax, check in zip(axes, checks):
         joint = np.quantile(_draws(frequencies.joint, check.name), [0.05, 0.25, 0.5, 0.75, 0.95])
         ax.axhspan(joint[0], joint[4], color=MODEL, alpha=0.2, linewidth=0)
         ax.axhspan(joint[1], joint[3], color=MODEL, alpha=0.3, linewidth=0)
@@ -80,8 +76,6 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         ax.set_xlim(-0.5, len(hz) - 0.5)
         ax.grid(axis="x", visible=False)
         ax.locator_params(axis="y", nbins=4)
-    for ax in axes.ravel()[len(checks) :]:
-        ax.remove()
     figure.supxlabel("frequency (Hz); band: all tests together, 50 and 90 %; points: each frequency alone", fontsize=9)
     return figure
 
@@ -107,21 +101,19 @@ def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
 
 
 @styled
-def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
+def alone_loops_figure(frequencies: Frequencies) -> Figure:
     """Each test's loop as its own frequency alone predicts it (50 and 90 % bands) and as all tests together do (90 %
     between the lines), both less the joint median; grey: the measured loop. Means, which drift, are taken off. Of many
     tests some, spread over frequency and amplitude."""
     every = _alone(frequencies)
     tests = [every[t] for t in some_tests([loop for loop, _ in every])]
-    columns = min(3, len(tests))
-    rows = math.ceil(len(tests) / columns)
-    figure, axes = subplots(rows, columns, 2.5 * columns + 0.4, 1.6 * rows + 0.7, sharex=True)
+    figure, axes = panels(len(tests), 3, (2.5, 1.6), (0.4, 0.7), (0.0, 0.0), sharex=True)
 
     def swing(force_N: Array) -> Array:
         return force_N - force_N.mean(axis=-1, keepdims=True)
 
-    for ax, (loop, posterior) in zip(axes.ravel(), tests):
-        joint, alone = (swing(p.forces(n, loops=(loop,))[:, 0]) for p in (frequencies.joint, posterior))
+    for ax, (loop, posterior) in zip(axes, tests):
+        joint, alone = (swing(p.forces(200, loops=(loop,))[:, 0]) for p in (frequencies.joint, posterior))
         middle = np.median(joint, axis=0)
         ax.plot(loop.phase, swing(loop.force_N) - middle, color="#9A9A9A", linewidth=0.6, zorder=1)
         band(ax, loop.phase, alone - middle)
@@ -131,9 +123,7 @@ def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
         ax.set_xlim(0, 1)
         ax.set_xticks([0, 0.5, 1.0], ["0", "0.5", "1"])
         ax.locator_params(axis="y", nbins=4)
-    ticked(list(axes.ravel()))
-    for ax in axes.ravel()[len(tests) :]:
-        ax.remove()
+    ticked(axes)
     figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)", fontsize=9)
     figure.supylabel("force − joint median (N)", fontsize=9)
     return figure
@@ -142,18 +132,13 @@ def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
 def loop_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
     """Columns and rows: energy, stiffness, loss factor of each test: measured, from all tests, from its frequency."""
     rows = []
-    for name, title in (
-        ("dissipated_energy_mJ", "energy (mJ)"),
-        ("equivalent_stiffness_N_mm", "stiffness (N/mm)"),
-        ("loss_factor", "loss factor"),
+    for name, title, of_loop in (
+        ("dissipated_energy_mJ", "energy (mJ)", "energy_mJ"),
+        ("equivalent_stiffness_N_mm", "stiffness (N/mm)", "stiffness_N_mm"),
+        ("loss_factor", "loss factor", "loss_factor"),
     ):
         for loop, posterior in _alone(frequencies):
-            measured = loop_quantities(loop.displacement_mm, loop.force_N)
-            value = {
-                "dissipated_energy_mJ": measured.energy_mJ,
-                "loss_factor": measured.loss_factor,
-                "equivalent_stiffness_N_mm": measured.stiffness_N_mm,
-            }[name]
+            value = getattr(loop_quantities(loop.displacement_mm, loop.force_N), of_loop)
             draws = [_draws(p, f"{name}[{loop.file}]") for p in (frequencies.joint, posterior)]
             width = float(np.ptp(np.quantile(draws[0], [0.05, 0.95])))
             rows.append(

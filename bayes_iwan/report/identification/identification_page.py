@@ -177,7 +177,6 @@ def identification_report(
     posterior: Posterior,
     out_dir: str | os.PathLike[str],
     *,
-    seed: int = 0,
     by_frequency: Frequencies | None = None,
     pdf: bool = False,
 ) -> Path:
@@ -190,7 +189,7 @@ def identification_report(
     if pdf:
         require_browser()
     alone = by_frequency or compare_frequencies(posterior, out)
-    p = predict(posterior, n=400, seed=seed)
+    p = predict(posterior, n=400)
     tests, regions = tables.compared_loops(posterior, p), checks.region_checks(posterior, p)
     r = Identified(
         posterior=posterior, predictive=p, tests=tests, regions=regions, by_frequency=alone,

@@ -1,6 +1,7 @@
 """Figures of the identified laws with their uncertainty: the paper's Figs. 8 (slip forces), 9 (k(α)), 10 (α(u))."""
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array, ParameterValues
@@ -35,6 +36,14 @@ def _reach(posterior: Posterior, parameter_values: ParameterValues) -> float:
     return float(phi[min(int(np.searchsorted(-survival, -0.01)), len(phi) - 1)])
 
 
+def _prior_lines(ax: Axes, x: Array, draws: Array) -> None:
+    """Median and 90 % interval of the prior's draws (draws, len(x))."""
+    low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95], axis=0)
+    ax.plot(x, middle, color=PRIOR, linestyle=(0, (4, 2)), linewidth=0.9, label="prior, median and 90 %")
+    for end in (low, high):
+        ax.plot(x, end, color=PRIOR, linestyle=(0, (1, 1.5)), linewidth=0.8)
+
+
 @styled
 def slip_density_figure(posterior: Posterior, prior: bool = True) -> Figure:
     """Fig. 8: the density of slip forces, and beside it the cumulative share of elements, which loops determine."""
@@ -49,11 +58,8 @@ def slip_density_figure(posterior: Posterior, prior: bool = True) -> Figure:
     band(right, phi, below, label="posterior")
     if prior:
         from_prior = _prior_values(posterior)
-        for ax, draws in ((left, family.density(phi, from_prior)), (right, 1.0 - family.survival(phi, from_prior))):
-            low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95], axis=0)
-            ax.plot(phi, middle, color=PRIOR, linestyle=(0, (4, 2)), linewidth=0.9, label="prior, median and 90 %")
-            ax.plot(phi, low, color=PRIOR, linestyle=(0, (1, 1.5)), linewidth=0.8)
-            ax.plot(phi, high, color=PRIOR, linestyle=(0, (1, 1.5)), linewidth=0.8)
+        _prior_lines(left, phi, family.density(phi, from_prior))
+        _prior_lines(right, phi, 1.0 - family.survival(phi, from_prior))
     # the density may be singular at the origin: show what carries weight
     left.set_ylim(0.0, 1.35 * float(np.quantile(density[:, len(phi) // 12 :], 0.98)))
     right.set_ylim(0.0, 1.02)
@@ -93,10 +99,7 @@ def stiffness_figure(posterior: Posterior, prior: bool = True) -> Figure:
     band(ax, alpha, drawn, label="posterior")
     ax.set_ylim(0.0, 1.15 * float(np.quantile(drawn, 0.99)))
     if prior:
-        spread = np.quantile(k(_prior_values(posterior)), [0.05, 0.5, 0.95], axis=0)
-        dots: tuple = (0, (1, 1.5))
-        for line, dash, label in zip(spread, (dots, (0, (4, 2)), dots), (None, "prior, median and 90 %", None)):
-            ax.plot(alpha, line, color=PRIOR, linestyle=dash, linewidth=0.9, label=label)
+        _prior_lines(ax, alpha, k(_prior_values(posterior)))
     ax.set_xlim(0.0, float(alpha[-1]))
     ax.set_xlabel("relative normal force α (-)")
     ax.set_ylabel("element stiffness k(α) (N/mm)")

@@ -71,7 +71,7 @@ def _branches(displacement_mm: Array) -> tuple[NDArray[np.int64], NDArray[np.int
     return up, down
 
 
-def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = True, color: str = MODEL) -> None:
+def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = True) -> None:
     """One test's loop on `ax`: measured cycles in grey, bands of one more cycle, median, measured average."""
     loop = p.loops[t]
     line = np.polyfit(p.displacement_mm[t], p.spring_N[t], 1) if friction else np.zeros(2)
@@ -83,9 +83,9 @@ def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = Tr
     off = np.polyval(line, p.displacement_mm[t])
     for branch in _branches(p.displacement_mm[t]):
         u = p.displacement_mm[t, branch]
-        band(ax, u, p.cycle_N[:, t, branch] - off[branch], color, median=False)
+        band(ax, u, p.cycle_N[:, t, branch] - off[branch], median=False)
     closed = np.r_[np.arange(len(off)), 0]
-    ax.plot(p.displacement_mm[t, closed], (p.median_N[t] - off)[closed], color=color)
+    ax.plot(p.displacement_mm[t, closed], (p.median_N[t] - off)[closed], color=MODEL)
     ax.plot(
         p.displacement_mm[t, closed],
         (p.measured_N[t] - off)[closed],

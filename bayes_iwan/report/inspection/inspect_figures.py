@@ -10,47 +10,30 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.inspect import CycleMean, Inspection
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.report.identification.loops import test_name
-from bayes_iwan.report.style import decimal_ticks, points, series, styled, subplots
+from bayes_iwan.report.identification.predictive import measured_cycles
+from bayes_iwan.report.style import decimal_ticks, panels, points, series, styled, subplots
 
 CYCLES = 12  # cycles drawn behind a loop
 COLUMNS = 3
 
 
 def _panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
-    columns = min(COLUMNS, count)
-    rows = -(-count // columns)
-    figure, axes = subplots(rows, columns, 3.4 * columns + 0.4 if columns > 1 else 5.0, max(height * rows + 0.4, 3.0))
-    flat = list(axes.ravel())
-    for ax in flat[count:]:
-        ax.remove()
-    return figure, flat[:count]
+    return panels(count, COLUMNS, (3.4, height), (0.4, 0.4), (5.0, 3.0))
 
 
 def _closed(values: np.ndarray) -> np.ndarray:
     return np.append(values, values[0])
 
 
-def _single_cycles(test: Inspection) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Displacement (mm, from the mean) and force of up to CYCLES single cycles, spread over the record."""
-    averager, record = test.loop.averager, test.loop.record
-    number = np.floor(averager.phase)
-    kept = test.loop.cut.cycles
-    out = []
-    for k in kept[np.unique(np.linspace(0, kept.size - 1, min(CYCLES, kept.size)).astype(int))]:
-        index = averager.index[number == k]
-        out.append((record.displacement_mm[index] - test.loop.offset_mm, record.force_N[index]))
-    return out
-
-
 @styled
 def loops(tests: Sequence[Inspection], units: Units, linear: bool = True) -> Figure:
     """Every test's loop; without its straight part where `linear` is false (the paper's Fig. 3)."""
-    figure, panels = _panels(len(tests), 2.6)
-    for ax, test in zip(panels, tests):
+    figure, axes = _panels(len(tests), 2.6)
+    for ax, test in zip(axes, tests):
         slope = 0.0 if linear else test.slope_N_mm
         mean = float(test.loop.harmonics_N[0].real)
         zero = 0.0 if linear else mean
-        for u, force in _single_cycles(test):
+        for u, force in measured_cycles(test.loop, CYCLES):
             ax.plot(u, force - zero - slope * u, color="#A8A8A8", linewidth=0.5, rasterized=True)
         u, force = test.loop.displacement_mm, test.loop.force_N - zero - slope * test.loop.displacement_mm
         ax.plot(_closed(u), _closed(force), color="black", linewidth=1.3)
@@ -65,8 +48,8 @@ def loops(tests: Sequence[Inspection], units: Units, linear: bool = True) -> Fig
 def overlays(tests: Sequence[Inspection], units: Units) -> Figure:
     """Loops without their straight part over one another, a panel an amplitude (the paper's Fig. 4)."""
     groups = grouped(tests)
-    figure, panels = _panels(len(groups), 2.8)
-    for ax, (amplitude, members) in zip(panels, groups):
+    figure, axes = _panels(len(groups), 2.8)
+    for ax, (amplitude, members) in zip(axes, groups):
         slope = float(np.mean([m.slope_N_mm for m in members]))
         for k, m in enumerate(sorted(members, key=lambda m: m.loop.frequency_hz)):
             u = m.loop.displacement_mm
@@ -122,8 +105,8 @@ def trends(tests: Sequence[Inspection], units: Units) -> Figure:
 @styled
 def noise(tests: Sequence[Inspection], units: Units) -> Figure:
     """Spectrum of what is left of the force between cycles, with the mains lines that were found."""
-    figure, panels = _panels(len(tests), 2.3)
-    for ax, test in zip(panels, tests):
+    figure, axes = _panels(len(tests), 2.3)
+    for ax, test in zip(axes, tests):
         ax.loglog(
             *_thinned(test.spectrum_hz, np.sqrt(np.maximum(test.spectrum_N2_Hz, 1e-300))), color="black", linewidth=0.9
         )
@@ -153,8 +136,8 @@ def _thinned(hz: Array, amplitude: Array, most: int = 240) -> tuple[Array, Array
 @styled
 def drift(tests: Sequence[Inspection], units: Units) -> Figure:
     """Energy, drive and force cycle by cycle, over their medians: what changes, and whether the drive did."""
-    figure, panels = _panels(len(tests), 2.3)
-    for ax, test in zip(panels, tests):
+    figure, axes = _panels(len(tests), 2.3)
+    for ax, test in zip(axes, tests):
         each = test.cycles
         for k, (values, label) in enumerate(
             (
@@ -167,7 +150,7 @@ def drift(tests: Sequence[Inspection], units: Units) -> Figure:
         ax.set_title(units.text(test_name(test.loop)))
         ax.set_xlabel("cycle")
         ax.set_ylabel("off the median (%)")
-    handles, labels = panels[0].get_legend_handles_labels()
+    handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
     return figure
 
