@@ -82,7 +82,7 @@ def run_import(args: argparse.Namespace) -> None:
             if not args.ask:
                 raise CampaignError(f"{asks.facts} Run: {_complete(args, asks)}") from None
             _answer(args, asks)
-    out = args.out or f"{Path(args.files[0].rstrip('/')).stem.strip('*?[]') or 'recordings'}-campaign"
+    out = args.out or f"{Path(args.files[0]).stem.strip('*?[]') or 'recordings'}-campaign"
     for test in tests:
         held_out = ("held out of fits",) if test.record.role == "held-out" else ()
         say("\n    ".join((*test.said, *held_out, *test.record.warnings)))

@@ -104,8 +104,8 @@ def test_packed_text(tmp_path):
         (("t,x,F\n" + rows() + "1,2,3,4\n").encode(), [f"line {N + 2}: 4 columns where the lines above have 3"]),
         (("t,x,F\n" + rows().replace("\n0.1,", "\n0.1,12:x", 1)).encode(), ["is not a number"]),
         (("t,x,F\n" + rows()).encode()[:3000] + bytes(3000), ["zero bytes", "not written to its end"]),
-        (bytes(range(256)) * 20, ["zero bytes"]),
-        (bytes(5000), ["zero bytes"]),
+        (bytes(range(256)) * 20, ["no text", "export it as CSV"]),
+        (bytes(5000), ["no text"]),
         (b"PK\x03\x04" + bytes(50), ["Excel", "CSV"]),
     ],
 )

@@ -26,7 +26,7 @@ function cut(doc, width) {
     const r = e.getBoundingClientRect(), style = view.getComputedStyle(e);
     if (!r.width || !r.height || e.closest(".skip, .wy-nav-side") || style.visibility === "hidden") continue;
     if (e.closest("math")) continue; // a wide formula is scrolled
-    const scroll = e.closest(".scroll"), table = width > 700 && scroll && scroll.querySelector("table");
+    const scroll = e.closest(".scroll"), table = width > 700 && width < 1280 && scroll && scroll.querySelector("table");
     if (e.closest("svg, canvas, .u-over") && !["text", "svg", "canvas"].includes(e.tagName.toLowerCase())) continue;
     if (!(table && e !== scroll) && (r.right > width + 1 || r.left < -1)) say("sticks out", e);
     if (style.overflowX !== "visible" && !(table && e === scroll) && e.scrollWidth > e.clientWidth + 1 &&
