@@ -61,10 +61,7 @@ def test_lines_above_and_a_row_of_units(tmp_path):
     same(recording, ["Zeit", "Weg", "Kraft"], ["s", "mm", "kN"])
     assert "semicolons, decimal ,, cp1252, numbers from line 7" in recording.notes[0]
     same(read(tmp_path, text.replace("s;mm;kN", "[s];[mm];[kN]")), ["Zeit", "Weg", "Kraft"], ["s", "mm", "kN"])
-    # the names' line can be told where another fits as well
-    text = "a;b;c\n" + rows(";", ",")
-    same(read(tmp_path, "first;second;third\n" + text, header_line=1), ["first", "second", "third"])
-    same(read(tmp_path, "first;second;third\n" + text), ["a", "b", "c"])
+    same(read(tmp_path, "first;second;third\na;b;c\n" + rows(";", ",")), ["a", "b", "c"])
 
 
 def test_no_header_trailing_separators_quotes_and_remarks(tmp_path):
@@ -153,7 +150,6 @@ def test_a_wrong_layout_is_refused(tmp_path):
         ({"encoding": "utf-99"}, "utf-99"),
         ({"decimal": ";"}, "decimal must be"),
         ({"separator": "ab"}, "separator must be"),
-        ({"header_line": 0}, "header line must be"),
     ):
         with pytest.raises(CampaignError, match=words):
             read(tmp_path, "t,x,F\n" + rows(), **layout)

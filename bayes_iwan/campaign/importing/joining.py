@@ -48,20 +48,14 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
 
 def _with_times(recordings: Sequence[Recording]) -> list[Recording]:
     """Parts of a file that hold times alone, as a TDMS group does, lend them to the parts that have no clock."""
-    times = [x for x in recordings if all(is_time(c) for c in x.channels)]
+    times = [x for x in recordings if x.part and all(map(is_time, x.channels))]
     out = []
-    for x in recordings:
-        lent = [
-            replace(c, name=f"{y.part} {c.name}", group="")
-            for y in times
-            if y.file == x.file and y.part
-            for c in y.channels
-            if c.values.size == x.channels[0].values.size
-        ]
-        if not lent or x.rate_hz or any(is_time(c) or c.rate_hz for c in x.channels):
+    for x in (x for x in recordings if not any(x is y for y in times)):
+        lent = [replace(c, name=f"{y.part} {c.name}", group="") for y in times if y.file == x.file for c in y.channels]
+        if x.rate_hz or any(is_time(c) or c.rate_hz for c in x.channels):
             lent = []
-        if not any(x is y for y in times):
-            out.append(replace(x, channels=(*lent, *x.channels)))
+        n = x.channels[0].values.size
+        out.append(replace(x, channels=(*(c for c in lent if c.values.size == n), *x.channels)))
     return out or list(recordings)
 
 

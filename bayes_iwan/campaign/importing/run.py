@@ -236,31 +236,17 @@ def _missing(found: Assigned, recording: Recording, recipe: Recipe) -> list[Ques
             out.append(Question("--unit", role, "mN", text))
         if role in recipe.sensitivities or role_of(unit) == role:
             continue
+        text = f"{channel.name!r} ({role}) is in {unit}"
         if not unit:
-            units = ", ".join(ROLES[role])
-            out.append(
-                Question("--unit", role, "UNIT", f"{channel.name!r} ({role}) states no unit ({units} or another).")
-            )
+            text = f"{channel.name!r} ({role}) states no unit ({', '.join(ROLES[role])} or another)."
+            out.append(Question("--unit", role, "UNIT", text))
         elif is_volts(unit) and "/" in unit:
-            text = f"{channel.name!r} ({role}) is in {unit}, a bridge's ratio: what load is 1 {unit}?"
-            out.append(Question("--unit", role, "50 N", text))
+            out.append(Question("--unit", role, "50 N", f"{text}, a bridge's ratio: what load is 1 {unit}?"))
         elif is_ratio(unit):
-            out.append(
-                Question(
-                    "--unit", role, "50 mm",
-                    f"{channel.name!r} is a ratio ({unit}), no {role}: say the length that it is of (50 mm for samples "
-                    "in mm/mm and a gauge length of 50 mm).",
-                )
-            )  # fmt: skip
+            text += f", a ratio and no {role}: say the length that it is of (50 mm for samples in mm/mm, gauge 50 mm)."
+            out.append(Question("--unit", role, "50 mm", text))
         elif is_volts(unit):
-            out.append(
-                Question(
-                    "--sensitivity",
-                    role,
-                    TRANSDUCER[role],
-                    f"{channel.name!r} ({role}) is in {unit}: of what transducer?",
-                )
-            )
+            out.append(Question("--sensitivity", role, TRANSDUCER[role], f"{text}: of what transducer?"))
     return out + _rate_missing(recording, recipe, found)
 
 
@@ -416,9 +402,6 @@ def _named(record: Record) -> Record:
 
 
 def _file_name(recording: Recording) -> str:
-    name = recording.file
-    for ending in (".gz", *Path(name).suffixes[-1:], Path(name.removesuffix(".gz")).suffix):
-        if ending:
-            name = name.removesuffix(ending)
+    name = Path(recording.file.removesuffix(".gz")).stem
     part = re.sub(r"[/\\:*?\"<>|\0]+", "_", recording.part).strip()
     return f"{name} {part}.csv" if part else f"{name}.csv"

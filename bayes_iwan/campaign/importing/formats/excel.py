@@ -43,8 +43,6 @@ def read_excel(path: Path, file: str) -> list[Recording]:
     for title, rows in sheets.items():
         width = max((k for row in rows for k, cell in enumerate(row, 1) if cell), default=0)
         lines = ["\t".join((row + [""] * width)[:width]) for row in rows]
-        if sum(any(row) for row in rows) < 2:
-            continue
         try:
             found = read_lines(file, lines, Layout(separator="\t"), f"sheet {title!r}")
         except CampaignError as error:

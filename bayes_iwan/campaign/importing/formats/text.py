@@ -55,9 +55,9 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
         head = head[:-1]
     style, first, width = find_style(file, head, text[-SAMPLE:].split("\n")[1:-1], layout)
     above = head[:first]
-    names, units = names_and_units(above, style, width, layout)
+    names, units = names_and_units(above, style, width)
     if not names and [style.cells(line)[0] for line in head[first : first + 3]] == ["1", "2", "3"]:
-        found = names_and_units(above, style, width - 1, layout)  # R does not head the numbers of its rows
+        found = names_and_units(above, style, width - 1)  # R does not head the numbers of its rows
         names, units = (["", *x] if x else x for x in found)
     if names and is_unit(names[0]) and all(is_unit(x) for x in names):
         names = [f"column {k + 1}" for k in range(len(names))]
@@ -75,7 +75,7 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     out: list[Recording] = []
     lines = body.split("\n")
     for k, (a, b, over) in enumerate(_blocks(file, lines, style, width, first), 1):
-        own, own_units = names_and_units(over, style, width, layout) if over else (names, units)
+        own, own_units = names_and_units(over, style, width) if over else (names, units)
         table, notes = _numbers(file, "\n".join(lines[a:b]) + "\n", style, max(width, len(own)), first + a)
         if table is None:  # a cell that is neither: said with its line
             _numbers(file, "\n".join(lines[a:b]) + "\n", style, max(width, len(own)), first + a, strict=True)

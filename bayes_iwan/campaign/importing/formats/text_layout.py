@@ -49,14 +49,12 @@ _OUTSIDE = re.compile(r",(?![^()\[\]]*[)\]])")  # a comma, and not within bracke
 class Layout:
     """How a text file is written; what is None is found from the file.
 
-    separator : one character, or its name (tab, comma, semicolon, blank). header_line : number of the line with the
-    columns' names, counted from 1.
+    separator : one character, or its name (tab, comma, semicolon, blank).
     """
 
     separator: str | None = None
     decimal: str | None = None
     encoding: str | None = None
-    header_line: int | None = None
 
     def __post_init__(self) -> None:
         if self.separator is not None:
@@ -67,8 +65,6 @@ class Layout:
             raise CampaignError(
                 f"separator must be one character, tab, comma, semicolon or blank, not {self.separator!r}"
             )
-        if self.header_line is not None and self.header_line < 1:
-            raise CampaignError(f"header line must be 1 or more, not {self.header_line}")
 
 
 @dataclass(frozen=True)
@@ -218,13 +214,10 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
                     at = {k for k, cells in enumerate(rows) if good[k] and len(cells) == width}
                     runs = ([k for k in sorted(at) if at.issuperset(range(k, k + n))] for n in (FEWEST_SAMPLES, 3, 1))
                     first = next(some[0] for some in runs if some)  # not numbers among names
-                    if layout.header_line is not None:
-                        first = next((k for k in range(layout.header_line, len(rows)) if good[k]), first)
                     best = (len(fit), sum(fit), style, first, width)
     if best is None or best[0] < 2:
         raise CampaignError(
-            f"{file}: no rows of numbers found; say how it is written with --separator, --decimal, --encoding, "
-            "--header-line"
+            f"{file}: no rows of numbers found; say how it is written with --separator, --decimal, --encoding"
         )
     style, first, width = best[2:]
     if layout.decimal is None and (cell := _may_be_thousands(style, head[first:])):
@@ -257,13 +250,8 @@ def _may_be_thousands(style: Style, lines: list[str]) -> str:
     return ""
 
 
-def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) -> tuple[list[str], list[str]]:
+def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[str], list[str]]:
     """Names and units of the columns, from the lines above the numbers; empty where there are none."""
-    if layout.header_line is not None:
-        at = layout.header_line - 1
-        names = style.cells(lines[at]) if at < len(lines) else []
-        below = [style.cells(line) for line in lines[at + 1 :] if line.strip()]
-        return names, next((cells for cells in below if all(is_unit(c) for c in cells)), [])
     names, units = (labelled(lines, style, width, x) for x in (_NAMES, _UNITS))
     if any(names) and (any(units) or _words(names)):
         return names, _bare(units)
