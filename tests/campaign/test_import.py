@@ -305,7 +305,7 @@ def test_recipe_file_and_what_is_said_over_it(tmp_path):
     said = Recipe(channels={"displacement": "x"}, sample_rate_hz=2000, layout=Layout(decimal=","))
     merged = said.over(recipe)
     assert merged.channels == {"displacement": "x", "force": "ai1"} and merged.sample_rate_hz == 2000
-    assert merged.layout == Layout(";", ",", None, 4) and merged.reverse == ("force",)
+    assert merged.layout == Layout(";", ",", None) and merged.reverse == ("force",)
 
 
 @pytest.mark.parametrize(

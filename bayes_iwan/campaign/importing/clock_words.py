@@ -24,7 +24,7 @@ _HINT = (
     r"(?P<v>\d[\d.,]*(?:e[+-]?\d+)?)\s*(?P<u2>[a-zµμ/]*)"
 )
 _RATE_HINT, _STEP_HINT = (re.compile(_HINT.format(x), re.IGNORECASE) for x in (_RATES, _STEPS))
-_OF_LENGTH = re.compile(r"\W*(dx|resolution)\b", re.IGNORECASE)
+_OF_LENGTH = re.compile(r"\W*(dx|resolution|interval)\b", re.IGNORECASE)
 _PER_SECOND = {"khz": 1e3, "mhz": 1e6, "ks/s": 1e3, "ksa/s": 1e3, "ms/s": 1e6, "msa/s": 1e6}
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "msec": 1e-3, "usec": 1e-6}
 

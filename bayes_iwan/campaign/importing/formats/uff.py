@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
-from bayes_iwan.campaign.importing.unit_texts import converted
+from bayes_iwan.campaign.importing.unit_texts import converted, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 #: "specific data type" of an ordinate, in SI
@@ -40,7 +40,8 @@ def read_uff(path: Path, file: str) -> list[Recording]:
         unit = _said(found.get("ordinate_axis_units_lab")) or (
             UNITS.get(int(found.get("ordinate_spec_data_type", 0)), "") if si else ""
         )
-        even, clock = int(found["abscissa_spacing"]) == 1, _said(found.get("abscissa_axis_units_lab")) or "s"
+        even, clock = int(found["abscissa_spacing"]) == 1, _said(found.get("abscissa_axis_units_lab"))
+        clock = clock if role_of(clock) == "time" else "s"
         (step, begun), _ = converted(
             np.array([found["abscissa_inc"], found.get("abscissa_min") or 0.0]), clock, "", "time", f"{file}: abscissa"
         )
