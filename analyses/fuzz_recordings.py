@@ -50,7 +50,6 @@ force = 10
 [text]
 separator = ";"
 decimal = ","
-header_line = 1
 [specimen]
 name = "isolator 7"
 """

@@ -95,7 +95,7 @@ def test_recordings_where_a_campaign_is_wanted(tmp_path, capsys):
     for path in (tmp_path / "run 1.csv", tmp_path):
         assert cli.main(["identify", str(path)]) == 2
         err = capsys.readouterr().err
-        assert f'bayes-iwan import "{path}" --out ' in err and err.count("\n") == 1
+        assert err.endswith(f'bayes-iwan import "{path}"\n') and err.count("\n") == 1
 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose", "compare", "batch"])
@@ -299,3 +299,32 @@ def test_ctrl_c_in_a_terminal_says_how_to_go_on(tmp_path, made_up_campaign):
     assert process.wait(60) == 130
     text = said.decode()
     assert "bayes-iwan: interrupted" in text and 'bayes-iwan identify "' in text and "Traceback" not in text
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["import", "C:\\data\\run1.csv"], "a path of Windows"),
+        (["import", "recordings\\run1.csv"], 'write "recordings/run1.csv"'),
+        (["import", "run1.csv", "--out", "C:\\out"], "a path of Windows"),
+        (["check", "C:/campaign"], "a path of Windows"),
+        (["import", "run1.csv", "^", "--out", "x"], "write the command on one line"),
+        (["import", 'run1.csv"'], "a backslash before a closing quote"),
+        (["identify", "run*.csv"], 'Make one: bayes-iwan import "run*.csv"'),
+    ],
+)
+@pytest.mark.skipif(os.name == "nt", reason="these are paths of Windows")
+def test_what_a_windows_user_types_is_one_clear_line(tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run1.csv").write_text("t,x\n")
+    assert cli.main(words) == 2
+    message = capsys.readouterr().err.strip()
+    assert said in message and "\n" not in message and sorted(os.listdir()) == ["run1.csv"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="of bash")
+def test_a_proposed_command_is_taken_by_bash_as_it_stands():
+    words = ["import", "Prüfstand Süd/a$HOME `b`.csv", 'a"b', "c\\d", "--unit", "force=kN"]
+    line = cli.command.quoted(words)
+    run = subprocess.run(["bash", "-c", f"printf '%s\\n' {line}"], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines() == words

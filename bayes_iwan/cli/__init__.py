@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 from bayes_iwan import __version__
 from bayes_iwan.cli import diagnosis, export, identification, recordings, withheld
 from bayes_iwan.cli.command import LOG, Command, quoted, say
-from bayes_iwan.cli.runs import RunLog, refuse_recordings
+from bayes_iwan.cli.runs import RunLog, refuse_other_shells, refuse_recordings
 from bayes_iwan.errors import InputError
 from bayes_iwan.terminal import terminate_as_interrupt
 
@@ -103,6 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     LOG.propagate = False
     try:
         with terminate_as_interrupt():
+            refuse_other_shells(args, words)
             _prepare(args, log)
             return args.run(args) or 0
     except InputError as error:

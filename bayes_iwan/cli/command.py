@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -52,10 +53,10 @@ def say(text: str, file: TextIO | None = None) -> None:
 
 
 def quoted(words: Sequence[str]) -> str:
-    """A command line as cmd.exe and bash both take it: double quotes around all but plain words."""
-    return " ".join(
-        word if re.fullmatch(r"[\w.:@+,-]+", word, re.ASCII) else '"' + word.replace('"', '\\"') + '"' for word in words
-    )
+    """A command line as this system's shells take it: double quotes around all but plain words."""
+    kept = r'("|\\$)' if os.name == "nt" else r'(["$`\\])'
+    plain_word = re.compile(r"[\w.:@+,-]+", re.ASCII)
+    return " ".join(w if plain_word.fullmatch(w) else '"' + re.sub(kept, r"\\\1", w) + '"' for w in words)
 
 
 def seed(text: str) -> int:

@@ -60,7 +60,6 @@ if TYPE_CHECKING:
     argument("--separator", metavar="CHAR", help="of text files: tab, comma, semicolon, blank or a character"),
     argument("--decimal", choices=(".", ","), help="decimal mark of text files; found if not said"),
     argument("--encoding", metavar="NAME", help="of text files (cp1252, utf-16 ...); found if not said"),
-    argument("--header-line", metavar="N", type=int, help="line with the columns' names; found if not said"),
     argument("--name", metavar="TEXT", help="of the specimen (default: the folder's name)"),
     examples=(
         'bayes-iwan import "run1.csv" "run2.csv" --out campaign',
@@ -82,7 +81,7 @@ def run_import(args: argparse.Namespace) -> None:
             if not args.ask:
                 raise CampaignError(f"{asks.facts} Run: {_complete(args, asks)}") from None
             _answer(args, asks)
-    out = args.out or f"{Path(args.files[0].rstrip('/')).stem.strip('*?[]') or 'recordings'}-campaign"
+    out = args.out or f"{Path(args.files[0]).stem.strip('*?[]') or 'recordings'}-campaign"
     for test in tests:
         held_out = ("held out of fits",) if test.record.role == "held-out" else ()
         say("\n    ".join((*test.said, *held_out, *test.record.warnings)))
@@ -125,7 +124,7 @@ def _recipe(args: argparse.Namespace) -> Recipe:
         gains={role: number("gain", value) for role, value in by_role("gain").items()},
         reverse=tuple(args.reverse),
         sample_rate_hz=None if args.sample_rate is None else rate(args.sample_rate),
-        layout=Layout(args.separator, args.decimal, args.encoding, args.header_line),
+        layout=Layout(args.separator, args.decimal, args.encoding),
         specimen={"name": args.name} if args.name else {},
     )
     return recipe.over(read_recipe(args.recipe)) if args.recipe else recipe

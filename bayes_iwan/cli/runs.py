@@ -1,7 +1,11 @@
 """Recordings given in the place of a campaign, and the log of what was run in the folder of its results."""
 
+import argparse
+import glob
 import logging
+import os
 import platform
+import re
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,10 +14,29 @@ from bayes_iwan import __version__
 from bayes_iwan.cli.command import quoted
 from bayes_iwan.files import RECORD, OutputError
 
+#: arguments that are paths
+PATHS = ("campaign", "folder", "directory", "files", "out", "recipe", "config", "simulator", "effects", "answers")
 LOG_FILE = "log.txt"
 RECORDINGS = (
     ".csv", ".txt", ".dat", ".tdms", ".uff", ".unv", ".mat", ".lvm", ".xlsx", ".wav", ".parquet", ".asc", ".gz"
 )  # fmt: skip
+
+
+def refuse_other_shells(args: argparse.Namespace, words: Sequence[str]) -> None:
+    """Raise OutputError for what another system's shell would take otherwise: marks that continue a line, paths of
+    Windows elsewhere, a quote that a backslash before it kept."""
+    if mark := next((w for w in words if w in ("^", "`", "\\")), None):
+        raise OutputError(f'"{mark}" continues a line in another shell; write the command on one line')
+    for value in (getattr(args, name, None) or () for name in PATHS):
+        for path in [value] if isinstance(value, str) else value:
+            drive = re.match(r"[A-Za-z]:[\\/]", path)
+            if Path(path).exists() or not (drive or "\\" in path or '"' in path):
+                continue
+            if '"' in path:
+                raise OutputError(f"{path}: a backslash before a closing quote keeps the quote; leave it out")
+            if os.name != "nt":
+                here = "name its folder on this machine" if drive else f'write "{path.replace(chr(92), "/")}"'
+                raise OutputError(f"{path}: a path of Windows, which this system does not have; {here}")
 
 
 def refuse_recordings(path: str) -> None:
@@ -27,12 +50,9 @@ def refuse_recordings(path: str) -> None:
             "results: bayes-iwan report, bayes-iwan export"
         )
     inside = here.is_dir() and any(p.suffix.lower() in RECORDINGS for p in here.iterdir() if p.is_file())
-    if here.is_file() or inside:
-        what = "a folder of recordings" if inside else "a recording"
-        raise OutputError(
-            f"{path}: {what}, no campaign yet. Make one: "
-            + quoted(["bayes-iwan", "import", path, "--out", f"{here.resolve().with_suffix('').name}-campaign"])
-        )
+    if here.is_file() or inside or any(Path(x).is_file() for x in glob.glob(path)):
+        what = "a folder of recordings" if inside else "recordings"
+        raise OutputError(f"{path}: {what}, no campaign yet. Make one: {quoted(['bayes-iwan', 'import', path])}")
 
 
 class RunLog(logging.Handler):

@@ -115,3 +115,69 @@ def test_a_unit_that_may_be_a_force_s(tmp_path, unit):
     """A load cell in grams is no accelerometer; a unit that the user states needs none in the file."""
     text = rows([f"Time (s);Disp (um);Load ({unit})"], T, X, F / 9.80665e-3 if unit == "g" else F)
     same(record(tmp_path, text, recipe=Recipe(units={} if unit == "g" else {"force": "N"})), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("head", "asked"),
+    [
+        (["Time (s);Disp (um);Force (N)", "s;um;kN"], "force=UNIT"),
+        (["Time (ms);Disp (um);Force (N)", "s;um;N"], "time=ms"),
+        (["Time [Tage];Disp [um];Force [N]"], "time=ms"),
+    ],
+)
+def test_units_that_contradict_each_other_or_are_not_known_are_asked_of(tmp_path, head, asked):
+    with pytest.raises(ImportAsks, match=asked):
+        record(tmp_path, rows(head, T, X, F))
+
+
+def test_a_time_in_days_without_a_unit_is_asked_of(tmp_path):
+    days = [f"{0.4 + t / 86400:.12f}" for t in T]
+    text = rows(["Zeit;Disp (um);Force (N)"], days, X, F)
+    with pytest.raises(ImportAsks, match="or day"):
+        record(tmp_path, text)
+    assert record(tmp_path, text, recipe=Recipe(units={"time": "day"})).frequency_hz == 5.0
+
+
+@pytest.mark.parametrize("name", ["1000*Force (N)", "Force x10 (N)", "Force (N) x1000", "Force/10 (N)"])
+def test_a_factor_in_a_name_is_said(tmp_path, name):
+    found = record(tmp_path, rows([f"Time (s);Disp (um);{name}"], T, X, F))
+    assert any("names a factor" in w for w in found.warnings)
+    assert not record(tmp_path, rows(["Time (s);Disp 10 (um);Force x1 (N)"], T, X, F)).warnings
+
+
+def test_headings_merged_over_several_rows_name_each_column(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    sheet = book.active
+    for row in (["Rig", "Gain", 10], ["Zeit s", "axial", None], [None, "Weg", "Kraft"], [None, "um", "N"]):
+        sheet.append(row)
+    sheet.merge_cells("A2:A4")
+    sheet.merge_cells("B2:C2")
+    for row in zip(T.tolist(), X.tolist(), F.tolist()):
+        sheet.append(row)
+    book.save(tmp_path / "a.xlsx")
+    (test,) = import_tests([tmp_path / "a.xlsx"])
+    same(test.record)
+    assert any("'Rig Gain 10', which is not applied" in w for w in test.record.warnings)
+
+
+@pytest.mark.parametrize(
+    ("start", "what"),
+    [
+        ('[{"t": 0.1, "x": 2}, {"t": 0.2, "x": 3}]', "JSON"),
+        ('{"t": [0.1, 0.2], "x": [3, 4]}', "JSON"),
+        ("<table><tr><td>1</td></tr></table>", "XML or HTML"),
+        ("CDF\x01" + 99 * "\0", "netCDF 3"),
+        ("FORMAT" + 99 * "\0", "no text, .* export it as CSV"),
+    ],
+)
+def test_other_formats_say_how_to_save_them(tmp_path, start, what):
+    with pytest.raises(CampaignError, match=what):
+        record(tmp_path, start)
+
+
+def test_a_rate_that_a_time_without_a_unit_contradicts_is_asked_of(tmp_path):
+    text = rows([f"Sample rate: {RATE} Hz", "Time;Disp (um);Force (N)"], T / 3.6, X, F)
+    with pytest.raises(CampaignError, match=r"250 samples a second by the file, 900.* by 'Time'.*--time none"):
+        record(tmp_path, text)
+    same(record(tmp_path, text, recipe=Recipe(channels={"time": "none"})))

@@ -297,15 +297,15 @@ def test_recipe_file_and_what_is_said_over_it(tmp_path):
     path.write_text(
         'sample_rate_hz = 1280\nreverse = ["force"]\n[channels]\nacceleration = 1\nforce = "ai1"\n'
         '[sensitivities]\nacceleration = "105 mV/g"\nforce = "9.55 mV/N"\n[gains]\nforce = 10\n'
-        '[text]\nseparator = ";"\nheader_line = 4\n[specimen]\nname = "isolator 7"\n'
+        '[text]\nseparator = ";"\n[specimen]\nname = "isolator 7"\n'
     )
     recipe = read_recipe(path)
     assert recipe.channels == {"acceleration": "1", "force": "ai1"} and recipe.gains == {"force": 10}
-    assert recipe.layout == Layout(separator=";", header_line=4) and recipe.specimen == {"name": "isolator 7"}
+    assert recipe.layout == Layout(separator=";") and recipe.specimen == {"name": "isolator 7"}
     said = Recipe(channels={"displacement": "x"}, sample_rate_hz=2000, layout=Layout(decimal=","))
     merged = said.over(recipe)
     assert merged.channels == {"displacement": "x", "force": "ai1"} and merged.sample_rate_hz == 2000
-    assert merged.layout == Layout(";", ",", None, 4) and merged.reverse == ("force",)
+    assert merged.layout == Layout(";", ",", None) and merged.reverse == ("force",)
 
 
 @pytest.mark.parametrize(
@@ -320,7 +320,7 @@ def test_recipe_file_and_what_is_said_over_it(tmp_path):
         ("sample_rate_hz = -1", "must be a number between"),
         ("channels = 3", r"must be a table \[channels\]"),
         ("[units]\nforce = 3", "must be text in quotes"),
-        ("[text]\nheader_line = 'x'", "whole number"),
+        ("[text]\nheader_line = 'x'", "unknown key 'header_line'"),
         ("[channels]\ndisplacement = 'a'\nacceleration = 'b'", "not both"),
         ("a = ", "not valid TOML"),
     ],

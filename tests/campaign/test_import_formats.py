@@ -330,3 +330,78 @@ def test_a_channel_that_states_no_start_begins_with_the_file(tmp_path):
     u = 2 * np.mean(test.loop.displacement_mm * np.exp(-2j * np.pi * test.loop.phase))
     assert np.angle(test.loop.harmonics_N[1] / u) == pytest.approx(0.5, abs=0.01)
     assert any("aligned by start" in x for x in test.record.warnings)
+
+
+@pytest.mark.parametrize("late", [0, 7])
+def test_tdms_groups_that_hold_times_alone_lend_them(tmp_path, late):
+    nptdms = pytest.importorskip("nptdms")
+    t = np.arange(600) / 200
+    x, f = np.sin(2 * np.pi * 5 * t), 40 * np.sin(2 * np.pi * 5 * t + 0.5)
+    end = t.size - late
+    parts = [("Zeit Weg", "t", t[:end], "s"), ("M", "Weg", x[:end], "mm"), ("M", "Kraft", f[late:], "N")]
+    parts += [("Zeit Kraft", "t", t[late:], "s")] if late else []
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment([nptdms.ChannelObject(g, n, v, {"unit_string": u}) for g, n, v, u in parts])
+    (test,) = import_tests([tmp_path / "a.tdms"])
+    n = test.record.time_s.size
+    np.testing.assert_allclose(test.record.displacement_mm, x[late : late + n], atol=1e-9)
+    np.testing.assert_allclose(test.record.force_N, f[late : late + n], atol=1e-9)
+
+
+def test_a_lvm_file_s_stamps_align_its_channels(tmp_path):
+    t = np.arange(600) / 200
+    x, f = np.sin(2 * np.pi * 5 * t), 40 * np.sin(2 * np.pi * 5 * t + 0.5)
+    head = ["LabVIEW Measurement\t", "Separator\tTab", "X_Columns\tOne", "***End_of_Header***\t", "", "Channels\t2\t"]
+    head += ["Time\t09:26:53.100\t09:26:53.135\t", "Y_Unit_Label\tmm\tN\t", "X_Dimension\tTime\tTime\t"]
+    head += ["Delta_X\t0.005\t0.005\t", "***End_of_Header***\t\t", "X_Value\tWeg\tKraft\tComment"]
+    lines = [f"{a:.3f}\t{b:.6f}\t{c:.6f}" for a, b, c in zip(t, x[:-7], f[7:])]
+    file = tmp_path / "a.lvm"
+    file.write_text("\n".join([*head, *lines, ""]))
+    (test,) = import_tests([file])
+    np.testing.assert_allclose(test.record.force_N[:500], f[7:507], atol=1e-6)
+    np.testing.assert_allclose(test.record.displacement_mm[:500], x[7:507], atol=1e-6)
+    file.write_text(file.read_text().replace("Time\tTime", "Frequency\tFrequency"))
+    with pytest.raises(CampaignError, match="X is 'Frequency'"):
+        import_tests([file])
+
+
+@pytest.mark.parametrize(("unit", "size"), [("ms", 1e3), ("s", 1.0)])
+def test_a_universal_file_s_abscissa_has_its_unit(tmp_path, unit, size):
+    pyuff = pytest.importorskip("pyuff")
+    t = np.arange(600) / 200
+    for name, y, u in (("Weg", np.sin(2 * np.pi * 5 * t), "mm"), ("Kraft", 40 * np.sin(2 * np.pi * 5 * t + 0.5), "N")):
+        data = {
+            "type": 58, "binary": 0, "func_type": 1, "rsp_node": 1, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0,
+            "rsp_ent_name": "NONE", "id1": name, "data": y, "x": t * size, "abscissa_spacing": 1,
+            "abscissa_spec_data_type": 17, "abscissa_axis_units_lab": unit, "ordinate_spec_data_type": 8,
+            "orddenom_spec_data_type": 0, "ordinate_axis_lab": name, "ordinate_axis_units_lab": u, "ord_data_type": 4,
+            "abscissa_inc": size / 200, "abscissa_min": 0.0,
+        }  # fmt: skip
+        pyuff.UFF(str(tmp_path / "a.uff")).write_sets([data], "add", force_double=True)
+    (test,) = import_tests([tmp_path / "a.uff"])
+    assert test.record.frequency_hz == 5.0
+
+
+@pytest.mark.parametrize("word", ["Sample Rate (Hz)", "SampleFrequency", "fs_kHz", "dt"])
+def test_one_list_of_words_for_rates_in_all_formats(tmp_path, word):
+    nptdms = pytest.importorskip("nptdms")
+    import scipy.io
+
+    from bayes_iwan.campaign.importing.clock_words import stated_rate
+
+    value = {"fs_kHz": 0.2, "dt": 0.005}.get(word, 200.0)
+    t = np.arange(600) / 200
+    x, f = np.sin(2 * np.pi * 5 * t), 40 * np.sin(2 * np.pi * 5 * t + 0.5)
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        channels = [nptdms.ChannelObject("g", n, v, {"unit_string": u}) for n, v, u in (("x", x, "mm"), ("F", f, "N"))]
+        writer.write_segment([nptdms.RootObject({word: value}), *channels])
+    (test,) = import_tests([tmp_path / "a.tdms"])
+    assert test.record.frequency_hz == 5.0
+    if "(" not in word:
+        scipy.io.savemat(tmp_path / "a.mat", {"x_mm": x, "F_N": f, word: value})
+        (test,) = import_tests([tmp_path / "a.mat"])
+        assert test.record.frequency_hz == 5.0
+    (tmp_path / "a.csv").write_text(f"{word}: {value}\nx (mm);F (N)\n" + "".join(f"{a};{b}\n" for a, b in zip(x, f)))
+    (test,) = import_tests([tmp_path / "a.csv"])
+    assert test.record.frequency_hz == 5.0
+    assert stated_rate(["Period: 0.2 s", "Step: 3", "Resolution: 1 us"]) is None

@@ -152,6 +152,39 @@ FORMS = {
     "marker_column": (table(["Time (s),Marker,Disp (mm),Force (N)"], T,
             ["" if k else "Start" for k in range(N)], X, F), {}),
     "row_number": (table(["No.,Time (s),Disp (mm),Force (N)"], ASCENDING, T, X, F), {}),
+    "graphtec": (
+        table(['"Vendor","GRAPHTEC Corporation"', '"Sampling interval","2ms"', '"AMP settings"',
+               '"CH1","Weg","DC","1V","Off"', '"Number","Date&Time","ms","CH1","CH2","Alarm1-10"',
+               '"NO.","Time","ms","mm","N","A1234567890"'],
+              [f"{k:8d}" for k in range(1, N + 1)], clock("%Y/%m/%d %H:%M:%S"), [f"{round(1e3 * t) % 1000}" for t in T],
+              *([f"{'+' if v >= 0 else '-'}{abs(v):12.6f}" for v in c] for c in (X, F)), ["LLLLLLLLLL"] * N), {}),
+    "yokogawa": (
+        table(['"TraceName","CH1","CH2"', '"BlockSize",1000,1000', '"VUnit","V","V"', '"SampleRate",500,500',
+               '"HResolution",2.0E-03,2.0E-03', '"HOffset",-1.0,-1.0', '"HUnit","s","s"', '"DisplayPointNo.",1,1',
+               '"Date","2025/03/14","2025/03/14"', '"Time","09:26:53.1","09:26:53.1"', ""],
+              [""] * N, X / 10, F / 1000, fmt="{:.8E}"),
+        {"channels": {"displacement": "CH1", "force": "CH2"},
+         "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
+    "oros": (table(["Signal;Weg;Kraft", "X unit;s;s", "Y unit;mm;N", "Time;Weg;Kraft"], T, X, F, separator=";"), {}),
+    "capstone": (table(["Zeit ( s ) Lauf 1;Position ( m ) Lauf 1;Kraft ( N ) Lauf 1"], T, X / 1e3, F, separator=";",
+                       decimal=",", fmt="{:.9f}"), {}),
+    "units_first": (table(["[s] Zeit;[mm] Weg;[N] Kraft"], T, X, F, separator=";"), {}),
+    "origin_long_names": (table(["Long Name,Time,Disp,Force", "Units,s,mm,kN", "F(x)=,,,"], ASCENDING, T, X, F / 1e3),
+                          {}),
+    "r_row_names": (table(['"time_s" "disp_mm" "force_N"'], [f'"{k}"' for k in ASCENDING], T, X, F, separator=" "), {}),
+    "matlab_timetable": (table(["Time,disp_mm,force_N"], [f"{t:.3f} sec" for t in T], X, F), {}),
+    "json_lines": ("".join(f'{{"t": {t:.4f}, "disp_mm": {x:.5f}, "force_N": {f:.3f}}}\n' for t, x, f in zip(T, X, F)),
+                   {}),
+    "pandas_timedelta": (table(["time,disp_mm,force_N"], [f"0 days 00:00:{t:09.6f}" for t in T], X, F), {}),
+    "milliseconds_without_zeros": (
+        table(["Time;Disp (mm);Force (N)"], [f"12:00:{round(1e3 * t) // 1000:02d}.{round(1e3 * t) % 1000}" for t in T],
+              X, F, separator=";"), {}),
+    "decimals_without_zeros": (
+        table(["Time;Disp (mm);Force (N)"], [s.rstrip("0").rstrip(".") for s in clock("%H:%M:%S.%f")], X, F,
+              separator=";"), {}),
+    "footer": (table(["Time (s);Disp (mm);Force (N)"], T, X, F, separator=";", tail="\n[EOF]\n"), {}),
+    "minutes_in_german": (table(["Zeit [Min];Weg [Mm];Kraft [kn]"], T / 60, X, F / 1e3, separator=";",
+                                fmt="{:.9f}"), {}),
 }  # fmt: skip
 
 

@@ -17,7 +17,7 @@ WIDTHS = (390, 768, 1280, 1400)
 
 # every width is a frame of its own, so that media queries hold; what is found goes into an element for --dump-dom
 _WRAPPER = """<!DOCTYPE html><meta charset="utf-8"><body><script>
-const html = %s, widths = %s, found = {}, SMALLEST = 8.9; // px of a figure's letters on a phone
+const html = %s, widths = %s, scrolled = %s, found = {}, SMALLEST = 8.9; // px of a figure's letters on a phone
 function cut(doc, width) {
   const bad = [], view = doc.defaultView, say = (why, e) => bad.push(why + ": " + e.tagName + "." +
     (e.getAttribute("class") || "") + " " + (e.textContent || "").trim().slice(0, 60));
@@ -26,7 +26,8 @@ function cut(doc, width) {
     const r = e.getBoundingClientRect(), style = view.getComputedStyle(e);
     if (!r.width || !r.height || e.closest(".skip, .wy-nav-side") || style.visibility === "hidden") continue;
     if (e.closest("math")) continue; // a wide formula is scrolled
-    const scroll = e.closest(".scroll"), table = width > 700 && scroll && scroll.querySelector("table");
+    const scroll = e.closest(".scroll"),
+      table = width > 700 && width < scrolled && scroll && scroll.querySelector("table");
     if (e.closest("svg, canvas, .u-over") && !["text", "svg", "canvas"].includes(e.tagName.toLowerCase())) continue;
     if (!(table && e !== scroll) && (r.right > width + 1 || r.left < -1)) say("sticks out", e);
     if (style.overflowX !== "visible" && !(table && e === scroll) && e.scrollWidth > e.clientWidth + 1 &&
@@ -81,12 +82,14 @@ def unescaped(text: str) -> str:
     return text
 
 
-def cut_elements(page: Path, folder: Path, widths: tuple[int, ...] = WIDTHS) -> dict[str, list[str]]:
-    """What is cut or sticks out of a page, a list for each width in px."""
+def cut_elements(
+    page: Path, folder: Path, widths: tuple[int, ...] = WIDTHS, scrolled: int = 10_000
+) -> dict[str, list[str]]:
+    """What is cut or sticks out of a page, a list for each width in px; below `scrolled` px tables may scroll."""
     html = page.read_text(encoding="utf-8").replace("<head>", f'<head><base href="{page.parent.as_uri()}/">', 1)
     source = json.dumps(html).replace("<", "\\u003c")
     wrapper = folder / f"{page.stem}_wrapped.html"
-    wrapper.write_text(_WRAPPER % (source, json.dumps(widths)), encoding="utf-8")
+    wrapper.write_text(_WRAPPER % (source, json.dumps(widths), scrolled), encoding="utf-8")
     out, err = run_browser(wrapper, folder / "profile", "--dump-dom", "--window-size=1500,1300")
     found = re.search(r'<pre id="found">(.*?)</pre>', out, re.S)
     assert found, err[-2000:]

@@ -126,15 +126,17 @@ def _unit_question(free: list[Channel], role: str) -> list[Question]:
     return []
 
 
+def is_time(channel: Channel) -> bool:
+    """Whether a channel holds times, by its unit or, where it has none, by its name."""
+    return role_of(channel.unit) == "time" or (not channel.unit and named(channel.name, "time"))
+
+
 def _times(recording: Recording, channel: Channel, used: list[Channel]) -> list[Channel]:
     """The time channels that may be a channel's own: of its group, before it; several only where they differ."""
     some = [
         c
         for c in recording.channels
-        if not any(c is x for x in used)
-        and c.values.size == channel.values.size
-        and (role_of(c.unit) == "time" or (not c.unit and named(c.name, "time")))
-        and _rises(c.values)
+        if not any(c is x for x in used) and c.values.size == channel.values.size and is_time(c) and _rises(c.values)
     ]
     some = [c for c in some if c.group == channel.group] or [c for c in some if not c.group] or some
     some = [c for c in some if not (np.diff(c.values) < 0).any()] or some  # not one that starts anew at each cycle

@@ -24,7 +24,15 @@ _START = re.compile(
     r"(?<![^\W_])start\W+[\d.]+ ?(s|ms|us|sec)\b",
     re.IGNORECASE,
 )
-_FACTOR = re.compile(r"(?<![^\W_])(gain|factor|multiplier|faktor|verstärkung)(?![^\W\d_])", re.IGNORECASE)
+_FACTOR = re.compile(
+    r"(?<![^\W_])(gain|factor|multiplier|faktor|verstärkung)(?![^\W\d_])|"
+    r"(?<!vertical )(?<!horizontal )(?<![^\W_])(scal(e|ing)|slope|lsb|calibration|conversion|skalierung)"
+    r"\W*[=:,;\t] *[\d.]+(e[+-]?\d+)? *$",
+    re.IGNORECASE,
+)
+#: within a channel's name: 1000*Force, Force/10, Force x 1e3
+_POWER = r"(10+|1e\d|10\^\d)"
+_IN_NAME = re.compile(rf"(?<!\w){_POWER} ?[*×x](?!\w*\d)|([*×/]|[(\s][x×]) ?{_POWER}\)?$", re.IGNORECASE)
 _NUMBERS = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 
 
@@ -41,6 +49,15 @@ def not_applied(stated: Iterable[str]) -> tuple[str, ...]:
                 out.append(f"the file states {shown(' '.join(text.split()))}, which is not applied: {fix}")
                 break
     return tuple(dict.fromkeys(out))
+
+
+def named_factor(name: str) -> tuple[str, ...]:
+    """A warning of a factor in a channel's name (1000*Force, Force/10): whether it is applied no file says."""
+    if not _IN_NAME.search(name):
+        return ()
+    return (
+        f"{name!r} names a factor, which is not applied: if it belongs to the numbers, say so with --gain or --unit",
+    )
 
 
 def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:

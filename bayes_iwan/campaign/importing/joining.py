@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bayes_iwan.campaign.importing.channels import roles_held
+from bayes_iwan.campaign.importing.channels import is_time, roles_held
 from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
 from bayes_iwan.campaign.importing.recipe import Recipe
@@ -22,6 +22,7 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
     Parts of one file belong together, and files whose names differ in what they hold alone (f10_disp, f10_load).
     all_in_one : all files are one test, whatever their names. Raises CampaignError where the pieces do not fit.
     """
+    recordings = _with_times(recordings)
     pieces = [_by_file(x) for x in recordings]
     held = [roles_held(x, recipe) for x in pieces]
     if all_in_one:
@@ -43,6 +44,19 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
                 held[k] = {"motion", "force"}
     _ask_to_join(pieces, held)
     return [x for k, x in enumerate(out) if k not in gone]
+
+
+def _with_times(recordings: Sequence[Recording]) -> list[Recording]:
+    """Parts of a file that hold times alone, as a TDMS group does, lend them to the parts that have no clock."""
+    times = [x for x in recordings if x.part and all(map(is_time, x.channels))]
+    out = []
+    for x in (x for x in recordings if not any(x is y for y in times)):
+        lent = [replace(c, name=f"{y.part} {c.name}", group="") for y in times if y.file == x.file for c in y.channels]
+        if x.rate_hz or any(is_time(c) or c.rate_hz for c in x.channels):
+            lent = []
+        n = x.channels[0].values.size
+        out.append(replace(x, channels=(*(c for c in lent if c.values.size == n), *x.channels)))
+    return out or list(recordings)
 
 
 def _ask_to_join(pieces: Sequence[Recording], held: Sequence[set[str]]) -> None:

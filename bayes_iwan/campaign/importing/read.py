@@ -2,6 +2,7 @@
 
 import glob
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,8 +19,15 @@ from bayes_iwan.campaign.recording.records import CampaignError
 
 #: formats that are known by their first bytes and not read: what to do with them
 OTHERS = (
-    (b"MDF     ", "an ASAM MDF file; export its channels with one time raster as CSV, MAT or Parquet"),
-    (b"\x93NUMPY", f"a NumPy array; {NUMPY}"),
+    (rb"MDF     ", "an ASAM MDF file; export its channels with one time raster as CSV, MAT or Parquet"),
+    (rb"\x93NUMPY", f"a NumPy array; {NUMPY}"),
+    (rb"ARROW1", "an Arrow or Feather file; save it as Parquet: table.to_parquet(...)"),
+    (rb"CDF[\1\2\5]", "a netCDF 3 file; save it as netCDF 4: nccopy -k nc4 old.nc new.nc"),
+    (rb"(\xef\xbb\xbf)?\s*<", "XML or HTML; save its table as CSV or .xlsx"),
+    (
+        rb"\s*(\[\s*[\[{]|\{\s*\"[^\"]*\"\s*:\s*[\[{])",
+        "JSON; save it as CSV, or with one object of plain numbers a line",
+    ),
 )
 
 
@@ -37,7 +45,7 @@ def read_file(path: Path, layout: Layout) -> list[Recording]:
         raise CampaignError(f"{file}: empty")
     ending = path.suffix.lower()
     for mark, what in OTHERS:
-        if start.startswith(mark):
+        if re.match(mark, start):
             raise CampaignError(f"{file}: {what}")
     if start.startswith(b"TDSm"):
         out = read_tdms(path, file)

@@ -16,7 +16,6 @@ force = 10
 separator = ";"
 decimal = ","
 encoding = "cp1252"
-header_line = 4
 [specimen]
 name = "isolator 7"                      # also description, source, licence
 """
@@ -118,7 +117,7 @@ def read_recipe(path: str | os.PathLike[str]) -> Recipe:
         if not isinstance(table, dict):
             raise CampaignError(f"{path}: {key} must be a table [{key}], not {shown(table)}")
         for name, value in table.items():
-            if key not in ("gains",) and name != "header_line" and not isinstance(value, str):
+            if key != "gains" and not isinstance(value, str):
                 if key == "channels" and isinstance(value, int) and not isinstance(value, bool):
                     table[name] = str(value)
                     continue
@@ -126,9 +125,6 @@ def read_recipe(path: str | os.PathLike[str]) -> Recipe:
         tables[key] = table
     text: dict[str, Any] = tables.pop("text")
     only(text, {f.name for f in fields(Layout)}, f"{path} [text]")
-    line = text.get("header_line", 1)
-    if not isinstance(line, int) or isinstance(line, bool):
-        raise CampaignError(f"{path}: header_line in [text] must be a whole number, not {shown(line)}")
     reverse = stated.get("reverse", [])
     if not isinstance(reverse, list) or not all(isinstance(x, str) for x in reverse):
         raise CampaignError(f'{path}: reverse must be a list of roles, like ["force"], not {shown(reverse)}')

@@ -15,7 +15,13 @@ from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ, cycles_as_time
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import NO_TIME, TRANSDUCER, Assigned, assign, matching
 from bayes_iwan.campaign.importing.clocks import Series, counted_on, paired, runs
-from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats, wrapped_round
+from bayes_iwan.campaign.importing.defects import (
+    coarse_steps,
+    named_factor,
+    without_codes,
+    without_repeats,
+    wrapped_round,
+)
 from bayes_iwan.campaign.importing.joining import joined
 from bayes_iwan.campaign.importing.names import named
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
@@ -44,6 +50,8 @@ _RATE = Question(
     "quasi-static test).",
 )  # fmt: skip
 _WHOLE = "The time {!r} goes up by whole numbers ({:g} a row) and states no unit: is it s, ms or us?"
+_UNKNOWN = "The time {!r} goes up by {:.4g} a row and states no unit that is known: is it s, ms, min or day?"
+SHORTEST_STEP_S = 1e-6  # what is shorter is asked of, since it may be in days
 _ROWS = (
     "The time {!r} goes up by one a row: is that a clock of 1 Hz (1), or a count of rows, which no frequency is read "
     "from (none)?"
@@ -228,31 +236,17 @@ def _missing(found: Assigned, recording: Recording, recipe: Recipe) -> list[Ques
             out.append(Question("--unit", role, "mN", text))
         if role in recipe.sensitivities or role_of(unit) == role:
             continue
+        text = f"{channel.name!r} ({role}) is in {unit}"
         if not unit:
-            units = ", ".join(ROLES[role])
-            out.append(
-                Question("--unit", role, "UNIT", f"{channel.name!r} ({role}) states no unit ({units} or another).")
-            )
+            text = f"{channel.name!r} ({role}) states no unit ({', '.join(ROLES[role])} or another)."
+            out.append(Question("--unit", role, "UNIT", text))
         elif is_volts(unit) and "/" in unit:
-            text = f"{channel.name!r} ({role}) is in {unit}, a bridge's ratio: what load is 1 {unit}?"
-            out.append(Question("--unit", role, "50 N", text))
+            out.append(Question("--unit", role, "50 N", f"{text}, a bridge's ratio: what load is 1 {unit}?"))
         elif is_ratio(unit):
-            out.append(
-                Question(
-                    "--unit", role, "50 mm",
-                    f"{channel.name!r} is a ratio ({unit}), no {role}: say the length that it is of (50 mm for samples "
-                    "in mm/mm and a gauge length of 50 mm).",
-                )
-            )  # fmt: skip
+            text += f", a ratio and no {role}: say the length that it is of (50 mm for samples in mm/mm, gauge 50 mm)."
+            out.append(Question("--unit", role, "50 mm", text))
         elif is_volts(unit):
-            out.append(
-                Question(
-                    "--sensitivity",
-                    role,
-                    TRANSDUCER[role],
-                    f"{channel.name!r} ({role}) is in {unit}: of what transducer?",
-                )
-            )
+            out.append(Question("--sensitivity", role, TRANSDUCER[role], f"{text}: of what transducer?"))
     return out + _rate_missing(recording, recipe, found)
 
 
@@ -271,8 +265,12 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
                 return [Question("--sample-rate", "", "1 or none", _ROWS.format(time.name))]
             if moments_unit(time.values) and not time.unit:
                 continue
-            if not recipe.units.get("time", time.unit) and (steps >= 1.0).all() and (steps == np.rint(steps)).all():
-                return [Question("--unit", "time", "ms", _WHOLE.format(time.name, float(np.median(steps))))]
+            if not recipe.units.get("time", time.unit):
+                step = float(np.median(steps))
+                if (steps >= 1.0).all() and (steps == np.rint(steps)).all():
+                    return [Question("--unit", "time", "ms", _WHOLE.format(time.name, step))]
+                if 0 < step < SHORTEST_STEP_S or re.search(r"[\[({<]\s*[^\W\d]", time.name):
+                    return [Question("--unit", "time", "ms", _UNKNOWN.format(time.name, step))]
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
                 return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
     return []
@@ -296,7 +294,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             raise CampaignError(f"{where}: {wrapped}")
         raw, held = without_repeats(raw, channel.name)
         values, unit, line = scaled(replace(channel, values=raw), role, recipe, where)
-        warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit))
+        warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit), *named_factor(channel.name))
         said.append(line)
         in_units.append(unit)
         if time is found.motion_time and series and (time is not None or _alike(found.motion, found.force)):
@@ -404,9 +402,6 @@ def _named(record: Record) -> Record:
 
 
 def _file_name(recording: Recording) -> str:
-    name = recording.file
-    for ending in (".gz", *Path(name).suffixes[-1:], Path(name.removesuffix(".gz")).suffix):
-        if ending:
-            name = name.removesuffix(ending)
+    name = Path(recording.file.removesuffix(".gz")).stem
     part = re.sub(r"[/\\:*?\"<>|\0]+", "_", recording.part).strip()
     return f"{name} {part}.csv" if part else f"{name}.csv"

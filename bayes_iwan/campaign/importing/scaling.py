@@ -65,6 +65,11 @@ def times_of(
     lines = [f"time: {clock.name!r}: {wrapped}"] if wrapped else []
     if asked is None and from_file is not None and abs(_usual_rate(time) / from_file - 1) > 0.02:
         rounded = (np.diff(time) >= 0).all() and (np.diff(time) == 0).any()
+        if not rounded and not stated:
+            raise CampaignError(
+                f"{where}: {from_file:g} samples a second by the file, {_usual_rate(time):.6g} by {clock.name!r}, "
+                'which has no unit: say it with --unit "time=UNIT", or leave the time out with --time none'
+            )
         if not rounded:
             lines.append(
                 f"the file says {from_file:g} samples a second, its time {_usual_rate(time):.6g}: the time is used"

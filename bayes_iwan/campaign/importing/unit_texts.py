@@ -2,7 +2,7 @@
 
 import re
 import unicodedata
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 from bayes_iwan.arrays import Array
@@ -25,7 +25,7 @@ _WORDS = {
     "kp": "kgf", "kips": "kip", "newtons": "N", "sec": "s", "secs": "s", "sek": "s",
     "sekunden": "s", "secondes": "s", '"': "inch", "volts": "V", "m/s/s": "m/s**2", "gee": "g_0", "gn": "g_0",
     "mil": "thou", "mils": "thou", "kg-f": "kgf", "lb-f": "lbf", "mp": "tf", "gees": "g_0", "g's": "g_0",
-    "mikrometer": "um",
+    "mikrometer": "um", "kg.f": "kgf", "millisekunden": "ms", "minuten": "min", "stunden": "hour", "std": "hour",
     "ft-lb": "foot*lbf", "in-lb": "inch*lbf", "lb-in": "inch*lbf", "lb-ft": "foot*lbf", "lbf-in": "inch*lbf",
     "мм": "mm", "см": "cm", "м": "m", "мкм": "um", "н": "N", "кн": "kN", "дан": "daN", "кгс": "kgf", "тс": "tf",
     "н*м": "N*m", "кн*м": "kN*m", "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "мин": "min", "в": "V", "мв": "mV",
@@ -40,6 +40,7 @@ _UPPER = {
     "KGF": "kgf", "DAN": "daN", "SEC": "s", "SECS": "s", "S": "s", "MS": "ms", "MSEC": "ms", "US": "us", "USEC": "us",
     "KPA": "kPa", "MPA": "MPa", "PA": "Pa", "BAR": "bar", "PSI": "psi", "DEG": "deg", "RAD": "rad", "MRAD": "mrad",
     "MV": "mV", "NM": "N*m", "KNM": "kN*m", "N-M": "N*m", "KN-M": "kN*m", "M/S2": "m/s**2", "M/S^2": "m/s**2",
+    "Mm": "mm", "Cm": "cm", "Um": "um", "Min": "min", "Ms": "ms", "Kn": "kN", "kn": "kN", "Kpa": "kPa", "Mpa": "MPa",
     "MM/S2": "mm/s**2", "MM/S^2": "mm/s**2", "M/S": "m/s", "MM/S": "mm/s", "HZ": "Hz",
 }  # fmt: skip
 _RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
@@ -135,12 +136,14 @@ def role_of(unit: str) -> str | None:
     return next((role for role in ("time", "displacement", "acceleration", "force") if may_be(unit, role)), None)
 
 
+@lru_cache(10_000)
 def may_be(unit: str, role: str) -> bool:
     """Whether a unit can be one of a role: g is an acceleration, and of a load cell a force."""
     found = _quantity(unit, role)
     return found is not None and _working(found, role) is not None and "joule" not in str(found.units)  # no torque
 
 
+@lru_cache(10_000)
 def is_unit(text: str) -> bool:
     """Whether a cell of a table's head can be a unit: of a role, of another usual channel, or a dash for none."""
     if text.strip().strip("[]()").strip() in ("", "-", "--", "1", "%", "none"):
@@ -149,6 +152,12 @@ def is_unit(text: str) -> bool:
         return True
     found = _quantity(text, "")
     return found is not None and any(found.check(_registry().Quantity(1.0, other).dimensionality) for other in _OTHER)
+
+
+def contradict(a: str, b: str) -> bool:
+    """Whether two units of one channel cannot both be right: of two roles, or of two sizes."""
+    role, other = role_of(a), role_of(b)
+    return None not in (role, other) and (role != other or _quantity(a, role or "") != _quantity(b, role or ""))
 
 
 def is_ratio(text: str) -> bool:
@@ -172,6 +181,9 @@ def split_name(name: str) -> tuple[str, str]:
     if found and re.search(r"[^\W\d_]|[°%\"]", found[2]):
         known = is_unit(found[2]) or is_ratio(found[2])
         return (found[1].strip(), found[2].strip()) if known else (name, "")
+    for within in re.finditer(r"\s*[\[({<]([^\[\](){}<>]+)[\])}>]\s*", name):  # [mm] Weg, Force (N) Run 1
+        if role_of(within[1]) or is_volts(within[1]):
+            return f"{name[: within.start()]} {name[within.end() :]}".strip(), within[1].strip()
     for pattern in (r"(.+?)\s+in\s+(\S+)", r"(.+?)\s*/\s*(\S+)", r"(.+?)\s*[,:]\s*(\S+)", r"(.+?)\s+(?:-\s+)?(\S+)"):
         found = re.fullmatch(pattern, name)
         bare = pattern.startswith((r"(.+?)\s*[", r"(.+?)\s+(?"))

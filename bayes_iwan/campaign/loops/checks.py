@@ -67,7 +67,7 @@ def check_time(file: str, time: Array, rate: float | None, frequency_hz: float) 
     check_epoch(file, float(time[0]), "Name the column time_ms")
     if not (steps > 0).all():
         k = int(np.argmin(steps > 0))
-        fix = "sort the rows or delete the repeated one"
+        fix = "export the record again, or let `bayes-iwan import` read it"
         if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * time.size:
             fix = "it is rounded too far: state sample_rate_hz in [channels]"
         raise CampaignError(

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.stated import positive
 from bayes_iwan.campaign.recording.units import DISPLACEMENTS, FORCES, Units
 
 WHERE = "campaign.toml [rig]"
@@ -47,7 +48,7 @@ def limits_of(stated: Mapping[str, object], units: Units) -> RigLimits:
                     f"{WHERE}: {shown(key)} does not say a unit of this campaign; end it in one of "
                     + ", ".join("_" + u for u in sizes)
                 )
-            size[what] = _positive(stated[key], key) * sizes[unit]
+            size[what] = positive(stated[key], f"{WHERE}: {key}") * sizes[unit]
     for key in stated:
         if key != "frequency_hz" and not key.startswith(("force_", "amplitude_")):
             raise CampaignError(
@@ -61,13 +62,7 @@ def _range(value: object) -> tuple[float, float] | None:
         return None
     if not isinstance(value, list) or len(value) != 2:
         raise CampaignError(f"{WHERE}: frequency_hz is a pair [lowest, highest], not {shown(value)}")
-    low, high = (_positive(x, "frequency_hz") for x in value)
+    low, high = (positive(x, f"{WHERE}: frequency_hz") for x in value)
     if low >= high:
         raise CampaignError(f"{WHERE}: frequency_hz = [{low:g}, {high:g}] is no range; the lowest comes first")
     return low, high
-
-
-def _positive(value: object, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e30:
-        raise CampaignError(f"{WHERE}: {key} must be a positive number, not {shown(value)}")
-    return float(value)

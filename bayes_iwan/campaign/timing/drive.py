@@ -193,7 +193,7 @@ def refuse_unsteady(file: str, drive: Drive | None, clock: bool = True) -> None:
     if drive.kind == "levels":
         raise CampaignError(
             f"{file}: {staircase_said(drive, clock)}; averaged as one test these would look like a specimen that "
-            f'changes. Split them: bayes-iwan import "{file}" --split --out "{file.partition(".")[0]}-tests"'
+            "changes. Import the recording again with --split, which makes a test of each"
         )
     for name, unit, values in (("frequency", "Hz", drive.frequency_hz), ("amplitude", "mm", drive.amplitude_mm)):
         low, high = np.percentile(values, [3, 97])

@@ -11,14 +11,14 @@ from bayes_iwan.campaign.folders.inspect import CycleMean, Inspection
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import measured_cycles
-from bayes_iwan.report.style import decimal_ticks, panels, points, series, styled, subplots
+from bayes_iwan.report.style import decimal_ticks, narrow, panels, points, series, styled, subplots
 
 CYCLES = 12  # cycles drawn behind a loop
 COLUMNS = 3
 
 
 def _panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
-    return panels(count, COLUMNS, (3.4, height), (0.4, 0.4), (5.0, 3.0))
+    return panels(count, 2 if narrow() else COLUMNS, (3.4, height), (0.4, 0.4), (5.0, 3.0))
 
 
 def _closed(values: np.ndarray) -> np.ndarray:
@@ -39,7 +39,7 @@ def loops(tests: Sequence[Inspection], units: Units, linear: bool = True) -> Fig
         ax.plot(_closed(u), _closed(force), color="black", linewidth=1.3)
         ax.set_title(units.text(test_name(test.loop)))
         ax.set_xlabel(units.text("displacement (mm)"))
-        ax.locator_params(axis="x", nbins=5)
+        ax.locator_params(axis="x", nbins=3 if narrow() else 5)
         ax.set_ylabel(units.text("force (N)" if linear else "force less the straight part (N)"))
     return figure
 

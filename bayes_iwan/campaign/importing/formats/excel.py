@@ -2,6 +2,7 @@
 
 import datetime
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 from bayes_iwan.campaign.importing.formats.text import read_lines
@@ -10,7 +11,7 @@ from bayes_iwan.campaign.importing.recordings import Recording, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.table import FREE_EXPANSION, LARGEST_EXPANSION
 
-UNPACK = "a zip archive, no Excel workbook; unpack it and import what is in it"
+UNPACK = "a zip archive, no .xlsx workbook; save a spreadsheet as .xlsx, or unpack an archive and import what is in it"
 #: what to do with NumPy's own files, which hold no units
 NUMPY = 'save them with names and units: numpy.savetxt(..., header="time_s disp_mm force_N")'
 
@@ -42,8 +43,6 @@ def read_excel(path: Path, file: str) -> list[Recording]:
     for title, rows in sheets.items():
         width = max((k for row in rows for k, cell in enumerate(row, 1) if cell), default=0)
         lines = ["\t".join((row + [""] * width)[:width]) for row in rows]
-        if sum(any(row) for row in rows) < 2:
-            continue
         try:
             found = read_lines(file, lines, Layout(separator="\t"), f"sheet {title!r}")
         except CampaignError as error:
@@ -51,10 +50,9 @@ def read_excel(path: Path, file: str) -> list[Recording]:
                 continue  # a sheet of remarks
             raise
         out += found
-    parts = [x.part for x in out]
     if not out:
         raise CampaignError(f"{file}: no rows of numbers in any sheet; are its formulas worked out and saved?")
-    return [Recording(x.file, x.part if len(parts) > 1 else "", x.channels, x.notes, x.rate_hz) for x in out]
+    return [replace(x, part=x.part if len(out) > 1 else "") for x in out]
 
 
 def _cell(value: object) -> str:

@@ -1,5 +1,5 @@
-"""Rows whose cells carry more than numbers: "t:0.1,force:3.2" and "12:00:01.003 -> 0.1,3.2" of serial monitors, and
-"0.1 s; 3.2 N". They are turned into rows of numbers below a row of names or units."""
+"""Rows whose cells carry more than numbers: "t:0.1,force:3.2" and "12:00:01.003 -> 0.1,3.2" of serial monitors, JSON
+lines, and "0.1 s; 3.2 N". They are turned into rows of numbers below a row of names or units."""
 
 import re
 
@@ -9,19 +9,22 @@ from bayes_iwan.campaign.importing.unit_texts import is_unit
 LOOKED_AT, ALIKE = 200, 0.95
 _NUMBER = r"[+-]?(?:\d[\d.,]*|\.\d+)(?:[eE][+-]?\d+)?"
 _STAMP = re.compile(r"(?m)^\d\d:\d\d:\d\d(?:[.,]\d+)? -> ")
+#: rows of serial monitors and of JSON, and what stands around their numbers
+_AROUND = (_STAMP, _STAMP), (re.compile(r"\{.*\},?\s*$"), re.compile(r"[{}\"]"))
 _PAIR = re.compile(rf"([^\W\d][\w ]*?)\s*[:=]\s*({_NUMBER.replace('.,', '.')})(?:[,;\t ]+|$)")
+_PLAIN = re.compile(rf"\s*{_NUMBER}\s*")
 _WITH_UNIT = re.compile(rf"\s*({_NUMBER})\s*([^\W\d_][^\s,;]*|°|%)\s*")
 
 
 def plain_rows(text: str) -> str:
     """A text with its labels and units moved from the rows of numbers to a row above these."""
     sample = [line for line in text[-65536:].split("\n")[1 if len(text) > 65536 else 0 :] if line.strip()][-LOOKED_AT:]
-    if len(sample) > 8 and sum(bool(_STAMP.match(x)) for x in sample) >= ALIKE * len(sample):
-        text = _STAMP.sub("", text)
-        sample = [_STAMP.sub("", x) for x in sample]
+    for rows, dropped in _AROUND:
+        if len(sample) > 8 and sum(bool(rows.match(x)) for x in sample) >= ALIKE * len(sample):
+            text, sample = dropped.sub("", text), [dropped.sub("", x) for x in sample]
     for read in (_labels, *(lambda line, s=s: _units(line, s) for s in (";", "\t", ","))):
         found = [read(x) for x in sample]
-        if (first := found[len(found) // 2]) and found.count(first) >= ALIKE * len(found):
+        if found and (first := found[len(found) // 2]) and found.count(first) >= ALIKE * len(found):
             return _rewritten(text, read, first)
     return text
 
@@ -32,9 +35,10 @@ def _labels(line: str) -> tuple[str, ...]:
 
 
 def _units(line: str, separator: str) -> tuple[str, ...]:
-    cells = [_WITH_UNIT.fullmatch(x) for x in line.split(separator)]
-    units = [x[2] if x else "" for x in cells]
-    return (separator, *units) if len(units) > 1 and all(x and is_unit(x) for x in units) else ()
+    cells = line.split(separator)
+    found = [None if _PLAIN.fullmatch(x) else _WITH_UNIT.fullmatch(x) for x in cells]
+    fits = all(bool(_PLAIN.fullmatch(x)) if m is None else is_unit(m[2]) for x, m in zip(cells, found))
+    return (separator, *(m[2] if m else "" for m in found)) if len(cells) > 1 and any(found) and fits else ()
 
 
 def _rewritten(text: str, read, head: tuple[str, ...]) -> str:  # type: ignore[no-untyped-def]
@@ -45,7 +49,8 @@ def _rewritten(text: str, read, head: tuple[str, ...]) -> str:  # type: ignore[n
                 out.append(head[0].join(head[1:]))
                 above = True
             pairs = _PAIR.findall(line)
-            cells = [x for _, x in pairs] if len(pairs) > 1 else [_WITH_UNIT.sub(r"\1", x) for x in line.split(head[0])]
+            cells = [x if _PLAIN.fullmatch(x) else _WITH_UNIT.sub(r"\1", x) for x in line.split(head[0])]
+            cells = [x for _, x in pairs] if len(pairs) > 1 else cells
             line = head[0].join(cells)
         out.append(line)
     return "\n".join(out)

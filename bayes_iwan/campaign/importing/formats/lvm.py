@@ -5,6 +5,7 @@ channels.
 """
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -33,8 +34,7 @@ def read_lvm(file: str, text: str) -> list[Recording]:
         above = [line.split(separator) for line in lines[ends[number - 1] + 1 : end] if line.strip()]
         keys = {cells[0].strip(): [c.strip() for c in cells[1:]] for cells in above}
         out.append(_segment(file, number, keys, lines[end + 1 : stop], end + 2, separator, head))
-    many = len(out) > 1
-    return [Recording(x.file, x.part if many else "", x.channels, x.notes) for x in out]
+    return [replace(x, part=x.part if len(out) > 1 else "") for x in out]
 
 
 def _segment(
@@ -70,8 +70,12 @@ def _segment(
         except ValueError:
             return None
 
+    if other := [x for place in range(len(columns)) if (x := of("X_Dimension", place)) not in ("", "Time")]:
+        raise CampaignError(f"{file} segment {number}: X is {shown(other[0])}, no time; write time histories")
     clocks = [of("Time", place) for place in range(len(columns))]
     began = seconds(clocks) if clocks and all(clocks) else None
+    if began is not None and began[0].any() and own_x == "One":
+        own_x = "No"  # one column of times from each channel's own start: these say when each sample was taken
     channels = []
     for place, k in enumerate(columns):
         step, start = number_of("Delta_X", place), number_of("X0", place) or 0.0

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
 from bayes_iwan.campaign.importing.unit_texts import is_unit
@@ -21,10 +22,7 @@ from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
 DEEPEST = 20  # of structs and cells within each other
-RATES = {"fs", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "sample_rate_hz", "fsample", "srate"}
-STARTS = {"t0", "t_start", "start_time", "start_time_s", "start_s", "wf_start_offset", "start_value"}
 LATEST_S = 1e5  # what is more is a date, of which no unit is known
-STEPS = {"dt", "delta_t", "wf_increment", "sample_interval", "sample_interval_s", "ts", "increment"}
 LABELS = {"name", "label", "title", "unit", "units", "signalname"}
 Said = TypeVar("Said", float, str)
 _ARRAY, _COMPRESSED = 14, 15
@@ -97,7 +95,8 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
         elif item.dtype.kind in "iuf" and kind not in ("char", "logical"):
             arrays.append((name, item[()].T))  # MATLAB writes columns first
             unit = next((item.attrs[k] for k in ("unit", "units", "Unit", "Units") if k in item.attrs), "")
-            units[name] = unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
+            unit = unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
+            units[name] = unit.partition(" since ")[0]  # as netCDF writes moments
             stated(name, item)
         elif item.dtype.names == ("real", "imag"):
             values = item[()].T
@@ -196,9 +195,8 @@ def _recordings(
     channels: list[Channel | None] = []
     rate = None
     numbers = {k: float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1}
-    own_rates = {k: x for k, x in numbers.items() if _leaf(k) in RATES and x > 0}
-    own_rates |= {k: 1 / x for k, x in numbers.items() if _leaf(k) in STEPS and x > 0}
-    starts = {k: x for k, x in numbers.items() if _leaf(k) in STARTS and "." in k and abs(x) < LATEST_S}
+    own_rates = {k: r for k, x in numbers.items() if (r := stated_rate([f"{_leaf(k)} = {x!r}"]))}
+    starts = {k: x for k, x in numbers.items() if STARTS.fullmatch(_leaf(k)) and "." in k and abs(x) < LATEST_S}
     vectors = [k for k, v in arrays if np.size(v) > 1]
     rates = list(own_rates.values())
     if len({round(np.log(x), 9) for x in rates}) == 1:

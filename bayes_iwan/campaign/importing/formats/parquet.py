@@ -17,5 +17,6 @@ def read_parquet(path: Path, file: str) -> list[Recording]:
         raise CampaignError(f"{file}: cannot be read as Parquet ({shown(str(error))})") from None
     if not isinstance(table.index, pd.RangeIndex):
         table = table.reset_index()
-    channels = [channel(str(name), "", table[name].to_numpy()) for name in table.columns]
+    zones = {name: "M8[ns]" for name in table.columns if isinstance(table[name].dtype, pd.DatetimeTZDtype)}
+    channels = [channel(str(name), "", table[name].to_numpy(zones.get(name))) for name in table.columns]
     return [Recording(file, "", tuple(c for c in channels if c is not None), ("Parquet",))]

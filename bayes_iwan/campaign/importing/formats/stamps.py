@@ -10,23 +10,24 @@ import pandas as pd
 from bayes_iwan.arrays import Array
 
 _DATE = r"\d{1,4}[-./ ](?:\d{1,2}|[A-Za-z]{3})[-./ ]\d{1,4}"
-_TIME = r"\d{1,2}:\d{2}(?::\d{2})?(?:[.,:]\d+)?(?: ?[AaPp]\.?[Mm]\.?)?"
+_TIME = r"\d{1,2}:\d{1,2}(?::\d{1,2})?(?:[.,:]\d+)?(?: ?[AaPp]\.?[Mm]\.?)?"
 STAMP = re.compile(rf"(?:{_DATE})?(?:[ T,]+)?(?:{_TIME})?(?:Z|[+-]\d\d:?\d\d)?(?<=\w\w|\w\.)")
 _DATE_ONLY = re.compile(_DATE)
 _PARTS = (
-    rf"^(?:(?P<date>{_DATE})[ T,]+)?(?P<a>\d{{1,2}}):(?P<b>\d{{2}})(?::(?P<c>\d{{2}}))?(?:[.,:](?P<f>\d+))?"
+    rf"^(?:(?P<date>{_DATE})[ T,]+)?(?P<a>\d{{1,2}}):(?P<b>\d{{1,2}})(?::(?P<c>\d{{1,2}}))?(?:[.,:](?P<f>\d+))?"
     r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?:Z|[+-]\d\d:?\d\d)?$"
 )
 _MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
 #: 20240301 115958.123, 20240301T115958
 _COMPACT = re.compile(r"^(\d{4})(\d\d)(\d\d)[ T_-](\d\d)(\d\d)(\d\d)(?!\d)")
 _SPELT = r"\1-\2-\3 \4:\5:\6"
+_DAYS = re.compile(r"^\d+ days? |^\d+\.(?=\d\d:\d\d:)")  # 0 days 00:00:01.5; that midnight passed shows anyway
 _DAY_S = 86_400.0
 
 
 def is_stamp(cell: str) -> bool:
     """Whether a cell is a date, a time of day or both."""
-    cell = _COMPACT.sub(_SPELT, cell)
+    cell = _DAYS.sub("", _COMPACT.sub(_SPELT, cell))
     return any(c in cell for c in ":-./ ") and bool(STAMP.fullmatch(cell)) and not re.fullmatch(r"[\d.]*", cell)
 
 
@@ -40,13 +41,20 @@ def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[A
 
     dates : a column of dates beside a column of times.
     """
-    parts = pd.Series(list(cells)).str.strip().str.replace(_COMPACT, _SPELT, regex=True).str.extract(_PARTS)
+    plain = pd.Series(list(cells)).str.strip().str.replace(_COMPACT, _SPELT, regex=True)
+    parts = plain.str.replace(_DAYS, "", regex=True).str.extract(_PARTS)
     if parts["a"].isna().any():
         return None
     a, b = parts["a"].astype(float).to_numpy(), parts["b"].astype(float).to_numpy()
     has_c = parts["c"].notna()
     c = parts["c"].fillna("0").astype(float).to_numpy()
-    fraction = ("0." + parts["f"].fillna("0")).astype(float).to_numpy()
+    digits = parts["f"].fillna("0")
+    fraction, counted = (
+        ("0." + x).astype(float).to_numpy() for x in (digits, digits.str.zfill(digits.str.len().max()))
+    )
+    whole = 60.0 * b + c
+    if np.count_nonzero(np.diff(whole + counted) < 0) < np.count_nonzero(np.diff(whole + fraction) < 0):
+        fraction = counted  # milliseconds without their zeros: 1.5 is before 1.10
     said = ""
     if not has_c.any() and parts["f"].notna().any():  # 12:34.5, as Excel shows minutes and seconds
         out, wrap = 60.0 * a + b + fraction, 3600.0

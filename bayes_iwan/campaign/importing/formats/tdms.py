@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_iwan.campaign.importing.clock_words import stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
@@ -23,6 +24,7 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
     try:
         nptdms.log.log_manager.set_level(logging.ERROR)  # what it logs of a cut file is said below
         whole = nptdms.TdmsFile.read(path)
+        stated = stated_rate(f"{k} = {v}" for x in (whole, *whole.groups()) for k, v in x.properties.items())
         sources = [(group.name, source) for group in whole.groups() for source in group.channels()]
         cut: tuple[str, ...] = (CUT,) if whole.file_status.incomplete_final_segment else ()
         cut += not_applied(
@@ -44,7 +46,7 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
         raise CampaignError(f"{file}: cannot be read as TDMS ({shown(str(error))}); copy or export it again") from None
     alone = len(groups) == 1
     return [
-        Recording(file, "" if alone else name, tuple(c), (f"TDMS, group {name!r}" if alone else "TDMS",), warnings=cut)
+        Recording(file, "" if alone else name, tuple(c), (f"TDMS, group {name!r}" if alone else "TDMS",), stated, cut)
         for name, c in groups.items()
     ]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
 from bayes_iwan.campaign.importing.formats.lvm import read_lvm
@@ -16,8 +17,6 @@ from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
     MISSING,
     SEPARATORS,
-    STARTS,
-    STEPS,
     Layout,
     Style,
     decoded,
@@ -26,10 +25,9 @@ from bayes_iwan.campaign.importing.formats.text_layout import (
     labelled,
     names_and_units,
     range_passed,
-    stated_rate,
 )
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording
-from bayes_iwan.campaign.importing.unit_texts import is_unit, role_of, split_name
+from bayes_iwan.campaign.importing.unit_texts import contradict, is_unit, role_of, split_name
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.table import read_bytes
 
@@ -57,7 +55,10 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
         head = head[:-1]
     style, first, width = find_style(file, head, text[-SAMPLE:].split("\n")[1:-1], layout)
     above = head[:first]
-    names, units = names_and_units(above, style, width, layout)
+    names, units = names_and_units(above, style, width)
+    if not names and [style.cells(line)[0] for line in head[first : first + 3]] == ["1", "2", "3"]:
+        found = names_and_units(above, style, width - 1)  # R does not head the numbers of its rows
+        names, units = (["", *x] if x else x for x in found)
     if names and is_unit(names[0]) and all(is_unit(x) for x in names):
         names = [f"column {k + 1}" for k in range(len(names))]
     said = (
@@ -74,7 +75,7 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     out: list[Recording] = []
     lines = body.split("\n")
     for k, (a, b, over) in enumerate(_blocks(file, lines, style, width, first), 1):
-        own, own_units = names_and_units(over, style, width, layout) if over else (names, units)
+        own, own_units = names_and_units(over, style, width) if over else (names, units)
         table, notes = _numbers(file, "\n".join(lines[a:b]) + "\n", style, max(width, len(own)), first + a)
         if table is None:  # a cell that is neither: said with its line
             _numbers(file, "\n".join(lines[a:b]) + "\n", style, max(width, len(own)), first + a, strict=True)
@@ -111,7 +112,7 @@ def _without_summary(body: str, style: Style) -> tuple[str, tuple[str, ...]]:
     if not style.is_number(style.cells(lines[0])[0]):
         return body, ()
     end = len(lines)
-    while end > max(len(lines) - SUMMARY, FEWEST_SAMPLES) and re.match(r"\s*(\"?[^\W\d_]{2}|$)", lines[end - 1]):
+    while end > max(len(lines) - SUMMARY, FEWEST_SAMPLES) and re.match(r"\s*(\W?[^\W\d_]{2}|$)", lines[end - 1]):
         end -= 1
     words = [style.cells(line)[0].lower() for line in lines[end:] if line.strip()]
     if not words or any(is_missing(w) or range_passed(w) is not None for w in words):
@@ -264,7 +265,11 @@ def _recording(
     numeric = [k for k in used if pd.api.types.is_numeric_dtype(table[k])]
     channels: dict[int, Channel] = {}  # by column: a time is of the channels behind it
     for k in numeric:
-        name, unit = (names[k], units[k]) if units[k] and is_unit(units[k]) else split_name(names[k])
+        name, unit = split_name(names[k])
+        if units[k] and is_unit(units[k]):
+            two = re.search(r"[\[(]", names[k]) and contradict(unit, units[k])  # Force (N) above kN
+            name, unit = (f"{names[k]}, {units[k]}", "") if two else (names[k], units[k])
+            units[k] = "" if two else units[k]
         if name.startswith("column ") and k == numeric[-1]:
             name = labels.get("source", name)
         unit = unit.strip() or units[k] or _unit_of(name, labels, k == numeric[0], k == numeric[-1])

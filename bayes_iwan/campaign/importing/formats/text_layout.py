@@ -7,11 +7,12 @@ import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from bayes_iwan.campaign.importing.formats.stamps import is_stamp
 from bayes_iwan.campaign.importing.names import WORDS, named
-from bayes_iwan.campaign.importing.recordings import RATES_HZ
-from bayes_iwan.campaign.importing.unit_texts import decimal_point, is_unit, role_of
+from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES
+from bayes_iwan.campaign.importing.unit_texts import is_unit, is_volts, role_of
 from bayes_iwan.campaign.recording.records import CampaignError
 
 MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "#N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
@@ -30,50 +31,30 @@ THOUSANDS = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}([, '’\u00a0\u202f]\d{3})+(\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}([. '’\u00a0\u202f]\d{3})+(,\d*)?"),
 }
+_DIVIDED = re.compile(r"\d[,. '’\u00a0\u202f]\d{3}(?!\d)")  # what THOUSANDS need
 #: of text that is no UTF-8, in the order in which they are taken where they make equal sense
 ENCODINGS = (
     "cp1252", "utf-8", "cp1251", "gb18030", "cp932", "cp850", "cp866", "koi8-r", "big5", "cp949", "euc-jp", "mac-roman",
     "cp1250",
 )  # fmt: skip
+NO_TEXT = "no text, and no format that is known by its first bytes; export it as CSV, MAT, TDMS, UFF 58 or Parquet"
 LONGEST_WORD, MOST_WORDS = 40, 200
-_RATE = (
-    r"sampl\w*[ _-]*(?:rate|freq\w*)|(?:scan|data|acquisition|acq\.?)[ _-]*rate|abtast(?:rate|frequenz)|messrate|"
-    r"fr[ée]quence d.[ée]chantillonnage|frequenza di campionamento|frecuencia de muestreo|采样(?:率|频率)|"
-    r"サンプリング周波数|частота дискретизации|fs"
-)
-_INTERVAL = (
-    r"(?:sampl\w*|scan|time|x|h)?[ _-]*(?:interval|increment|period|step|resolution)|d[tx]|delta[ _-]?[tx]|"
-    r"(?:abtast|zeit)[ _-]?(?:intervall|schritt|periode)|"
-    r"サンプリング間隔|采样间隔|t[ _]?inc"
-)
-_HINT = (
-    r"[^\w]*(?:{})\W{{0,2}}(?P<u1>k?hz|k?s/s|m?s|[uµμn]s|sec\w*)?[\])]?\"?\s*[:=;,\t ]\s*\"?"
-    r"(?P<v>\d[\d.,]*(?:e[+-]?\d+)?)\s*(?P<u2>[a-zµμ/]*)"
-)
-_RATE_HINT, _INTERVAL_HINT = (re.compile(_HINT.format(x), re.IGNORECASE) for x in (_RATE, _INTERVAL))
 #: labels at the head of a row above the table that has a cell for each channel
-_NAMES = re.compile(r"(?:channel|trace|ch|kanal|測定ch)[ _-]?(?:names?|名称)|names?", re.IGNORECASE)
+_NAMES = re.compile(r"(?:channel|trace|ch|kanal|long|測定ch)[ _-]?(?:names?|名称)|names?", re.IGNORECASE)
 _UNITS = re.compile(r"(?:v|y|ch\w*)?[ _-]?units?|einheit(?:en)?|unit[ée]s?|単位|单位", re.IGNORECASE)
-STARTS = re.compile(r"start[ _-]?times?|t0|h[ _-]?offset|x0", re.IGNORECASE)
-STEPS = re.compile(r"d[tx]|delta[ _-]?[tx]|h[ _-]?resolution|(?:sample|time)[ _-]?interval", re.IGNORECASE)
 _OUTSIDE = re.compile(r",(?![^()\[\]]*[)\]])")  # a comma, and not within brackets
-_OF_LENGTH = re.compile(r"\W*(dx|resolution)\b", re.IGNORECASE)
-_PER_SECOND = {"khz": 1e3, "mhz": 1e6, "ks/s": 1e3, "ksa/s": 1e3, "ms/s": 1e6, "msa/s": 1e6}
-_SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "msec": 1e-3, "usec": 1e-6}
 
 
 @dataclass(frozen=True)
 class Layout:
     """How a text file is written; what is None is found from the file.
 
-    separator : one character, or its name (tab, comma, semicolon, blank). header_line : number of the line with the
-    columns' names, counted from 1.
+    separator : one character, or its name (tab, comma, semicolon, blank).
     """
 
     separator: str | None = None
     decimal: str | None = None
     encoding: str | None = None
-    header_line: int | None = None
 
     def __post_init__(self) -> None:
         if self.separator is not None:
@@ -84,8 +65,6 @@ class Layout:
             raise CampaignError(
                 f"separator must be one character, tab, comma, semicolon or blank, not {self.separator!r}"
             )
-        if self.header_line is not None and self.header_line < 1:
-            raise CampaignError(f"header line must be 1 or more, not {self.header_line}")
 
 
 @dataclass(frozen=True)
@@ -117,13 +96,16 @@ class Style:
 
     def numbers(self, cells: Sequence[str]) -> int:
         """How many more numbers than texts a row of the table has: 0 for what is no row."""
-        n = others = 0
-        for cell in cells:
-            if self.is_number(cell) or range_passed(cell) is not None:
-                n += 1
-            elif not is_missing(cell) and not is_stamp(cell):
-                others += 1
-        return max(n - others, 0)
+        found = [1 if self.is_number(cell) else _word(cell) for cell in cells]
+        return max(sum(found), 0)
+
+
+@lru_cache(100_000)
+def _word(cell: str) -> int:
+    """1 for a cell that says that the range was passed, 0 for a gap or a stamp, -1 for any other text."""
+    if len(cell) > LONGEST_WORD:
+        return -1
+    return 1 if range_passed(cell) is not None else -int(not is_missing(cell) and not is_stamp(cell))
 
 
 def range_passed(cell: str) -> float | None:
@@ -174,9 +156,11 @@ def _encoding(file: str, raw: bytes) -> str:
             return "utf-16-le" if odd else "utf-16-be"
     if (k := raw.find(b"\0")) >= 0:
         line = raw.count(b"\n", 0, k) + 1
-        cut = "the file was not written to its end; copy or export it again"
-        what = cut if k and raw[:k].isascii() else "no text, and no format that is known by its first bytes"
-        raise CampaignError(f"{file} line {line}: zero bytes: {what}")
+        if not re.search(rb"\n[^\n]*\d[^\n]*\n", raw[:k]) or not raw[:k].isascii():
+            raise CampaignError(f"{file}: {NO_TEXT}")
+        raise CampaignError(
+            f"{file} line {line}: zero bytes: the file was not written to its end; copy or export it again"
+        )
     if raw.isascii():
         return "utf-8"
     try:
@@ -184,7 +168,7 @@ def _encoding(file: str, raw: bytes) -> str:
         return "utf-8"
     except UnicodeDecodeError:
         if re.search(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]", start):
-            raise CampaignError(f"{file}: no text, and no format that is known by its first bytes") from None
+            raise CampaignError(f"{file}: {NO_TEXT}") from None
     words = {name: _understood(start.decode(name, "replace")) for name in ENCODINGS}
     return max(words, key=lambda name: words[name])
 
@@ -207,32 +191,33 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
     """
     quoted = any('"' in line for line in head[-50:])
     best: tuple[int, int, Style, int, int] | None = None
-    for thousands in (False, True):
-        for separator in [layout.separator] if layout.separator else SEPARATORS:
+    separators = [layout.separator] if layout.separator else SEPARATORS
+    cut = {x: [[Style(x, ".").cells(line) for line in lines] for lines in (head, tail)] for x in separators}
+    divided = any(_DIVIDED.search(line) for line in [*head, *tail])
+    for thousands in (False, True) if divided else (False,):
+        for separator in separators:
             for decimal in [layout.decimal] if layout.decimal else MARKS:
                 if decimal == separator and not quoted:
                     continue
                 style = Style(separator, decimal, thousands)
-                rows = [style.cells(line) for line in head]
+                rows, last = cut[separator]
                 good = [style.numbers(cells) for cells in rows]
                 widths = [len(cells) for cells, n in zip(rows, good) if n]
                 if not widths:
                     continue
                 width = max(set(widths), key=widths.count)
-                ends = [(len(cells), style.numbers(cells)) for cells in map(style.cells, tail)]
+                ends = [(len(cells), style.numbers(cells)) for cells in last]
                 fit = [n for cells, n in zip(rows, good) if len(cells) == width and n] + [
                     n for w, n in ends if w == width and n
                 ]
                 if best is None or (len(fit), sum(fit)) > best[:2]:
-                    at = [k for k, cells in enumerate(rows) if good[k] and len(cells) == width]
-                    first = next((k for k in at if k + 1 in at and k + 2 in at), at[0])  # not numbers among names
-                    if layout.header_line is not None:
-                        first = next((k for k in range(layout.header_line, len(rows)) if good[k]), first)
+                    at = {k for k, cells in enumerate(rows) if good[k] and len(cells) == width}
+                    runs = ([k for k in sorted(at) if at.issuperset(range(k, k + n))] for n in (FEWEST_SAMPLES, 3, 1))
+                    first = next(some[0] for some in runs if some)  # not numbers among names
                     best = (len(fit), sum(fit), style, first, width)
     if best is None or best[0] < 2:
         raise CampaignError(
-            f"{file}: no rows of numbers found; say how it is written with --separator, --decimal, --encoding, "
-            "--header-line"
+            f"{file}: no rows of numbers found; say how it is written with --separator, --decimal, --encoding"
         )
     style, first, width = best[2:]
     if layout.decimal is None and (cell := _may_be_thousands(style, head[first:])):
@@ -265,13 +250,8 @@ def _may_be_thousands(style: Style, lines: list[str]) -> str:
     return ""
 
 
-def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) -> tuple[list[str], list[str]]:
+def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[str], list[str]]:
     """Names and units of the columns, from the lines above the numbers; empty where there are none."""
-    if layout.header_line is not None:
-        at = layout.header_line - 1
-        names = style.cells(lines[at]) if at < len(lines) else []
-        below = [style.cells(line) for line in lines[at + 1 :] if line.strip()]
-        return names, next((cells for cells in below if all(is_unit(c) for c in cells)), [])
     names, units = (labelled(lines, style, width, x) for x in (_NAMES, _UNITS))
     if any(names) and (any(units) or _words(names)):
         return names, _bare(units)
@@ -289,11 +269,18 @@ def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) 
     if not fitting:
         return [], []
     are_units = [_is_units(cells, style) for cells in fitting]
+    if any(units) and not are_units[0]:
+        return fitting[0], _bare(units)
     if len(fitting) > 1 and are_units[0]:
-        return fitting[1], _bare(fitting[0])
+        return _filled(fitting[1:]), _bare(fitting[0])
     if len(fitting) > 1 and are_units[1]:  # units above names, or a row of remarks below them
         return max([fitting[0], *fitting[2:3]], key=_words), _bare(fitting[1])
-    return fitting[0], (fitting[0] if are_units[0] else [])
+    return _filled(fitting), (fitting[0] if are_units[0] else [])
+
+
+def _filled(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Names, the lowest row first; a cell that is merged with those above it has its name in one of these."""
+    return [next((row[k] for row in rows if k < len(row) and row[k]), "") for k in range(len(rows[0]))]
 
 
 def _words(cells: Sequence[str]) -> int:
@@ -317,9 +304,10 @@ def labelled(lines: Sequence[str], style: Style, width: int, label: re.Pattern[s
 
 def _is_units(cells: Sequence[str], style: Style) -> bool:
     """Whether a row is one of units; of many cells a few may be what no unit is (segments, gpm)."""
-    others = sum(not (is_unit(c) or _scale(c, style)) for c in cells)
-    if others:
-        return 3 * others <= len(cells) and sum(role_of(c) is not None for c in cells) > 1
+    strange = [c for c in cells if not (is_unit(c) or _scale(c, style))]
+    if strange:
+        others = sum(not named(c, "time") and c.lower().strip(".") != "no" for c in strange)
+        return 3 * others <= len(cells) and sum(role_of(c) is not None or is_volts(c) for c in cells) > 1
     return any(cells) and not all(map(style.is_number, cells))
 
 
@@ -330,28 +318,3 @@ def _scale(cell: str, style: Style) -> bool:
 
 def _bare(cells: list[str]) -> list[str]:
     return [re.sub(r"^[-–]+$|^none$", "", c.strip("[](){}<>")) for c in cells]
-
-
-def stated_rate(lines: Sequence[str]) -> float | None:
-    """Samples a second as lines above or beside a table state them; None where they do not, or disagree."""
-    found = set()
-    for line in lines:
-        for hint, table, turn in ((_RATE_HINT, _PER_SECOND, False), (_INTERVAL_HINT, _SECONDS, True)):
-            m = hint.match(line)
-            if not m:
-                continue
-            try:
-                value = float(decimal_point(m["v"].rstrip(".,")))
-            except ValueError:
-                continue
-            unit = (m["u2"] or m["u1"] or "").lower()
-            if not turn and unit in _SECONDS | {"s": 1.0, "sec": 1.0}:
-                turn, table = True, _SECONDS
-            in_seconds = unit in _SECONDS or re.match(r"s(ec|$)", unit) if unit else not _OF_LENGTH.match(line)
-            if turn and not in_seconds:
-                continue  # of a length, or of a converter
-            value *= table.get(unit, 1.0)
-            rate = 1 / value if turn and value else value
-            if RATES_HZ[0] < rate < RATES_HZ[1]:
-                found.add(float(f"{rate:.9g}"))
-    return found.pop() if len(found) == 1 else None

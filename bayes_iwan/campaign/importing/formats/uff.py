@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
+from bayes_iwan.campaign.importing.unit_texts import converted, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 #: "specific data type" of an ordinate, in SI
@@ -39,9 +40,13 @@ def read_uff(path: Path, file: str) -> list[Recording]:
         unit = _said(found.get("ordinate_axis_units_lab")) or (
             UNITS.get(int(found.get("ordinate_spec_data_type", 0)), "") if si else ""
         )
-        even = int(found["abscissa_spacing"]) == 1
-        rate = 1 / float(found["abscissa_inc"]) if even and found["abscissa_inc"] else None
-        start = float(found.get("abscissa_min", 0.0) or 0.0) if even else None
+        even, clock = int(found["abscissa_spacing"]) == 1, _said(found.get("abscissa_axis_units_lab"))
+        clock = clock if role_of(clock) == "time" else "s"
+        (step, begun), _ = converted(
+            np.array([found["abscissa_inc"], found.get("abscissa_min") or 0.0]), clock, "", "time", f"{file}: abscissa"
+        )
+        rate = 1 / float(step) if even and step else None
+        start = float(begun) if even else None
         one = channel(_name(found), unit, found["data"], rate, start)
         if one is None:
             continue
@@ -49,7 +54,7 @@ def read_uff(path: Path, file: str) -> list[Recording]:
             parts.append([])  # the same channel again: the next run
         if not even:  # each channel keeps the abscissa that stands beside it
             one = replace(one, group=f"data set {k + 1}")
-            parts[-1].append(Channel("time", "s", np.asarray(found["x"], dtype=float), group=one.group))
+            parts[-1].append(Channel("time", clock, np.asarray(found["x"], dtype=float), group=one.group))
         parts[-1].append(one)
     kept = [p for p in parts if p]
     said = ("UFF 58", *notes)

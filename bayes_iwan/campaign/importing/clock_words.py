@@ -1,0 +1,54 @@
+"""Words by which files of all formats state sample rates, steps of time and starts, and what they state."""
+
+import re
+from collections.abc import Iterable
+
+from bayes_iwan.campaign.importing.recordings import RATES_HZ
+from bayes_iwan.campaign.importing.unit_texts import decimal_point
+
+_RATES = (
+    r"sampl\w*[ _-]*(?:rate|freq\w*)|(?:scan|data|acquisition|acq\.?)[ _-]*rate|abtast(?:rate|frequenz)|messrate|"
+    r"fr[ée]quence d.[ée]chantillonnage|frequenza di campionamento|frecuencia de muestreo|采样(?:率|频率)|"
+    r"サンプリング周波数|частота дискретизации|fs|fsample|srate"
+)
+_STEPS = (
+    r"(?:sampl\w*|scan|time|x|h|wf)?[ _-]*(?:interval|increment)|(?:sampl\w*|scan)[ _-]*(?:period|step)|time[ _-]?step|"
+    r"(?:sampl\w*|time|x|h)[ _-]*resolution|d[tx]|delta[ _-]?[tx]|(?:abtast|zeit)[ _-]?(?:intervall|schritt|periode)|"
+    r"サンプリング間隔|采样间隔|t[ _]?inc|ts"
+)
+_STARTS = r"(?:wf[ _-])?start[ _-]?(?:times?|offset|value)|t[ _]?(?:0|start)|start(?=_s)|h[ _-]?offset|x0"
+#: of a label that is nothing else, as of an array of MATLAB or a row above a table
+STARTS, STEPS = (re.compile(rf"(?:{x})(?:_s)?", re.IGNORECASE) for x in (_STARTS, _STEPS))
+_HINT = (
+    r"[^\w]*(?:{})[\W_]{{0,2}}(?P<u1>k?hz|k?s/s|m?s|[uµμn]s|sec\w*)?[\])]?\"?\s*[:=;,\t ]\s*\"?"
+    r"(?P<v>\d[\d.,]*(?:e[+-]?\d+)?)\s*(?P<u2>[a-zµμ/]*)"
+)
+_RATE_HINT, _STEP_HINT = (re.compile(_HINT.format(x), re.IGNORECASE) for x in (_RATES, _STEPS))
+_OF_LENGTH = re.compile(r"\W*(dx|resolution|interval)\b", re.IGNORECASE)
+_PER_SECOND = {"khz": 1e3, "mhz": 1e6, "ks/s": 1e3, "ksa/s": 1e3, "ms/s": 1e6, "msa/s": 1e6}
+_SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "msec": 1e-3, "usec": 1e-6}
+
+
+def stated_rate(lines: Iterable[str]) -> float | None:
+    """Samples a second that lines ("Sample interval: 2 ms", "fs = 500") state; None for none, or several."""
+    found = set()
+    for line in lines:
+        for hint, table, turn in ((_RATE_HINT, _PER_SECOND, False), (_STEP_HINT, _SECONDS, True)):
+            m = hint.match(line)
+            if not m:
+                continue
+            try:
+                value = float(decimal_point(m["v"].rstrip(".,")))
+            except ValueError:
+                continue
+            unit = (m["u2"] or m["u1"] or "").lower()
+            if not turn and unit in _SECONDS | {"s": 1.0, "sec": 1.0}:
+                turn, table = True, _SECONDS
+            in_seconds = unit in _SECONDS or re.match(r"s(ec|$)", unit) if unit else not _OF_LENGTH.match(line)
+            if turn and not in_seconds:
+                continue  # of a length, or of a converter
+            value *= table.get(unit, 1.0)
+            rate = 1 / value if turn and value else value
+            if RATES_HZ[0] < rate < RATES_HZ[1]:
+                found.add(float(f"{rate:.9g}"))
+    return found.pop() if len(found) == 1 else None
