@@ -69,7 +69,7 @@ class Record:
     mean_force_error_N: float = 0.0
 
     def __repr__(self) -> str:
-        at = f"{self.frequency_hz:g} Hz, " if self.clock else ""
+        at = f"{self.frequency_hz:.4g} Hz, " if self.clock else ""
         size = f"{self.amplitude_mm:g} {self.units.displacement}"
         return f"Record({self.file!r}: {at}{size}, {self.time_s.size} samples, {self.role})"
 

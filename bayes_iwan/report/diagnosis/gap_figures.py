@@ -52,7 +52,7 @@ class GapPictures:
     @property
     def names(self) -> list[str]:
         """Of the tests, by frequency (with a clock) and amplitude."""
-        return [f"{x.record.frequency_hz:g} Hz, " * self.clock + f"{x.record.amplitude_mm:g} mm" for x in self.loops]
+        return [f"{x.record.frequency_hz:.4g} Hz, " * self.clock + f"{x.record.amplitude_mm:g} mm" for x in self.loops]
 
     @property
     def gap_N(self) -> Array:

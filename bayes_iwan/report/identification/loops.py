@@ -24,7 +24,7 @@ MOST = 12
 
 def test_name(loop: Loop, role: bool = True) -> str:
     """'10 Hz, 0.3 mm', with '(held out)' where it was; nominal values, and other stated numbers if there are any."""
-    name = f"{loop.record.frequency_hz:g} Hz, " if loop.record.clock else ""
+    name = f"{loop.record.frequency_hz:.4g} Hz, " if loop.record.clock else ""
     name += f"{loop.record.amplitude_mm:g} mm"
     extras = ", ".join(f"{key} {value:g}" for key, value in list(loop.extras.items())[:1])
     name += f", {extras}" if extras else ""
@@ -220,7 +220,7 @@ def frequencies_figure(posterior: Posterior, predictive: Predictive | None = Non
         style = series(i)
         u, off = p.displacement_mm[t], p.spring_N[t]
         closed = np.r_[np.arange(len(u)), 0]
-        name = f"{p.loops[t].record.frequency_hz:g} Hz"
+        name = f"{p.loops[t].record.frequency_hz:.4g} Hz"
         ax.plot(
             u[closed],
             (p.measured_N[t] - off)[closed],

@@ -54,7 +54,7 @@ def overlays(tests: Sequence[Inspection], units: Units) -> Figure:
         for k, m in enumerate(sorted(members, key=lambda m: m.loop.frequency_hz)):
             u = m.loop.displacement_mm
             force = m.loop.force_N - m.loop.harmonics_N[0].real - slope * u
-            ax.plot(_closed(u), _closed(force), label=f"{m.loop.record.frequency_hz:g} Hz", **series(k))
+            ax.plot(_closed(u), _closed(force), label=f"{m.loop.record.frequency_hz:.4g} Hz", **series(k))
         ax.set_title(units.text(f"{amplitude:g} mm, less {slope:.3g} N/mm"))
         ax.set_xlabel(units.text("displacement (mm)"))
         ax.locator_params(axis="x", nbins=5)
