@@ -143,10 +143,11 @@ def zeus_default(density: Density, starts: np.ndarray, names: tuple[str, ...], s
     import zeus
 
     rng, ndim = np.random.default_rng(seed), starts.shape[1]
+    walkers = max(WALKERS, 2 * ndim)
     np.random.seed(seed)  # noqa: NPY002 - it draws from the old global generator
     runs = [
-        zeus.EnsembleSampler(WALKERS, ndim, density, vectorize=True, verbose=False).sample(
-            starts[rng.permutation(len(starts))[:WALKERS]], iterations=10**5, progress=False
+        zeus.EnsembleSampler(walkers, ndim, density, vectorize=True, verbose=False).sample(
+            starts[rng.permutation(len(starts))[:walkers]], iterations=10**5, progress=False
         )
         for _ in range(ENSEMBLES)
     ]
@@ -314,7 +315,7 @@ def one(name: str, problem: Problem, point: Point, starts: np.ndarray, seconds: 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("campaign", nargs="?", default="data/rope_spring")
-    parser.add_argument("--embedded", action="store_true", help="with the embedded model error (27 numbers)")
+    parser.add_argument("--embedded", action="store_true", help="with the embedded model error (29 numbers), as by default")
     parser.add_argument("--seconds", type=float, default=120.0, help="processor seconds each")
     parser.add_argument("--only", nargs="+", choices=SAMPLERS, default=list(SAMPLERS))
     parser.add_argument("--seed", type=int, default=1)
