@@ -103,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     LOG.propagate = False
     try:
         with terminate_as_interrupt():
-            refuse_other_shells(args, words)
+            refuse_other_shells(args)
             _prepare(args, log)
             return args.run(args) or 0
     except InputError as error:

@@ -22,13 +22,13 @@ RECORDINGS = (
 )  # fmt: skip
 
 
-def refuse_other_shells(args: argparse.Namespace, words: Sequence[str]) -> None:
+def refuse_other_shells(args: argparse.Namespace) -> None:
     """Raise OutputError for what another system's shell would take otherwise: marks that continue a line, paths of
     Windows elsewhere, a quote that a backslash before it kept."""
-    if mark := next((w for w in words if w in ("^", "`", "\\")), None):
-        raise OutputError(f'"{mark}" continues a line in another shell; write the command on one line')
     for value in (getattr(args, name, None) or () for name in PATHS):
         for path in [value] if isinstance(value, str) else value:
+            if path in ("^", "`", "\\"):
+                raise OutputError(f'"{path}" continues a line in another shell; write the command on one line')
             drive = re.match(r"[A-Za-z]:[\\/]", path)
             if Path(path).exists() or not (drive or "\\" in path or '"' in path):
                 continue

@@ -54,7 +54,9 @@ def pictures(times=1, blocks=3):
     }
     return GapPictures(
         loops=tuple(
-            SimpleNamespace(record=r, displacement_mm=y * wave, force_N=5 * y * wave + np.cos(2 * np.pi * PHASE))
+            SimpleNamespace(
+                record=r, extras={}, displacement_mm=y * wave, force_N=5 * y * wave + np.cos(2 * np.pi * PHASE)
+            )
             for r, y in zip(record, a)
         ),
         where=SimpleNamespace(

@@ -18,6 +18,7 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.answer.localisation import Statistic, Where
 from bayes_iwan.diagnosis.fits.gap_size import GapSize
+from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.style import (
     BLACK,
     BLUE,
@@ -51,8 +52,8 @@ class GapPictures:
 
     @property
     def names(self) -> list[str]:
-        """Of the tests, by frequency (with a clock) and amplitude."""
-        return [f"{x.record.frequency_hz:.4g} Hz, " * self.clock + f"{x.record.amplitude_mm:g} mm" for x in self.loops]
+        """Of the tests."""
+        return [test_name(x, role=False) for x in self.loops]
 
     @property
     def gap_N(self) -> Array:
