@@ -9,7 +9,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +26,15 @@ from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
-from bayes_iwan.inference.solving.between_tests import stretched
-from bayes_iwan.inference.solving.chains import Run, approximate_draws, sampled
-from bayes_iwan.inference.solving.point import Point, find_point, near_optima
+from bayes_iwan.inference.solving.chains import QUICK, Run, sampled
+from bayes_iwan.inference.solving.point import find_point, near_optima
 from bayes_iwan.models import Simulator
 from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.sampling.chains import Chains, Stop
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 
-#: `quick`: the search unless the configuration has its own, and the draws of the normal distribution
+#: `quick`: the search unless the configuration has its own
 QUICK_SEARCH = SearchSettings(members=100, evaluations=4000, second_search=False, starts=8)
-QUICK_DRAWS = 2000
 _LEAST_KEPT = 16  # steps of each walker
 _VERSIONED = ("bayes-iwan", "numpy", "scipy", "numba", "emcee", "arviz")
 
@@ -210,60 +208,29 @@ def identify_problem(
             Posterior, problem=problem, campaign=campaign, loops=problem.loops if loops is None else tuple(loops),
             point=point, seed=seed, settings=settings, versions=versions(), simulator_file=simulator_file,
         )  # fmt: skip
-        if quick:
-            return _approximation(made, problem, point, settings, seed, located - began)
-        checkpoint = None if out is None else Path(out) / CHECKPOINT
+        checkpoint = None if out is None or quick else Path(out) / CHECKPOINT
         origin = _origin(settings.search, simulator_file)
-        with opened(workers, along=True) as executor:
+        asked = replace(settings.sampling, **QUICK) if quick else settings.sampling
+        with opened(None if quick else workers, along=True) as executor:
             how = Run(seed, checkpoint, origin, resume, progress, executor)
-            chains = sampled(problem, point, settings.sampling, how)
+            chains = sampled(problem, near_optima(point.optima, point.optima_log_prob), asked, how)
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
     timings = {"point_s": located - began, "sampling_s": time.monotonic() - located, "steps": float(chains.n_steps)}
-    return _posterior(made, problem, chains, point, settings, timings)
+    return _posterior(made, problem, chains, settings, timings, quick)
 
 
 class NotConverged(UserWarning):
     """A run that ended before its chains had converged."""
 
 
-def _approximation(
-    made: Callable[..., Posterior],
-    problem: Problem,
-    point: Point,
-    settings: IdentifySettings,
-    seed: int,
-    seconds: float,
-) -> Posterior:
-    """A posterior of the normal approximation, four chains of independent draws."""
-    z = approximate_draws(problem, near_optima(point.optima, point.optima_log_prob), QUICK_DRAWS, (seed, 14))
-    stretch = 1.0
-    if settings.sampling.between_tests:
-        z, factors = stretched(problem, point.z, z)
-        stretch = float(factors[-1])
-    log_prob = problem.log_prob(z)
-    possible = np.resize(np.flatnonzero(np.isfinite(log_prob)), QUICK_DRAWS)  # a simulator may have no force there
-    return made(
-        z=z[possible].reshape(4, -1, problem.ndim),
-        log_prob=log_prob[possible].reshape(4, -1),
-        walkers=1,
-        thin=1,
-        converged=False,
-        message="quick: a normal approximation about the most probable points, not sampled",
-        timings={"point_s": seconds, "sampling_s": 0.0, "steps": 0.0},
-        convergence=(),
-        stop=Stop.QUICK,
-        stretch=stretch,
-    )
-
-
 def _posterior(
     made: Callable[..., Posterior],
     problem: Problem,
     chains: Chains,
-    point: Point,
     settings: IdentifySettings,
     timings: Mapping[str, float],
+    quick: bool,
 ) -> Posterior:
     """The draws thinned to about as many as were asked for, and the diagnostics of the whole run beside them."""
     ensembles, stored, walkers, ndim = chains.draws.shape
@@ -271,26 +238,19 @@ def _posterior(
     every = max(1, min(-(-stored * ensembles * walkers // settings.sampling.draws), stored // _LEAST_KEPT))
     kept = slice(stored - 1 - every * ((stored - 1) // every), None, every)
     z = np.moveaxis(chains.draws[:, kept], 2, 1).reshape(ensembles, -1, ndim)
-    log_prob = np.moveaxis(chains.log_prob[:, kept], 2, 1).reshape(ensembles, -1)
-    stretch = 1.0
-    if settings.sampling.between_tests:
-        flat, factors = stretched(problem, point.z, z.reshape(-1, ndim))
-        z, stretch = flat.reshape(z.shape), float(factors[-1])
-        log_prob = problem.log_prob(flat).reshape(log_prob.shape)
     c = chains.convergence
     diagnostics = () if c is None else zip(c.names, c.ess_bulk, c.ess_tail, c.r_hat, c.tau_steps)
     return made(
         z=z,
-        log_prob=log_prob,
+        log_prob=problem.log_prob(z.reshape(-1, ndim)).reshape(z.shape[:2]),
         walkers=walkers,
         independent=chains.independent,
         thin=every,
-        converged=chains.converged,
-        message=chains.message,
-        stop=chains.stop,
+        converged=chains.converged and not quick,
+        message="quick: the first draws, whether they have converged is not known" if quick else chains.message,
+        stop=Stop.QUICK if quick else chains.stop,
         timings=timings,
         convergence=tuple(ConvergenceRow(name, *map(float, row)) for name, *row in diagnostics),
-        stretch=stretch,
     )
 
 

@@ -21,8 +21,8 @@ from bayes_iwan.models.motion import Motion
 from bayes_iwan.models.slip_force import SlipForce
 
 #: terms of the deviation of the slip forces' density. The more, the more truths the intervals of the slip forces'
-#: quartiles hold, but with ten emcee takes 1.4 times as long, with six no less (`analyses/guide/measured.md`)
-SLIP_TERMS = 8
+#: quartiles hold (`analyses/guide/measured.md`)
+SLIP_TERMS = 12
 SLIP_NAMES = tuple(f"slip_deviation{k}" for k in range(1, SLIP_TERMS + 1))
 STIFFNESS_NAME, CORNER_NAME = "stiffness_exponent", "normal_force_corner"
 NAMES = (*SLIP_NAMES, STIFFNESS_NAME, CORNER_NAME)
@@ -32,9 +32,10 @@ CORNER_WIDTH = 0.05
 
 @dataclass(frozen=True)
 class DeviatingSlipForce:
-    """A family of slip forces whose density is multiplied by exp(Σ c_k π_k(F)), then stretched to the family's mean.
+    """A family of slip forces whose density is multiplied by 1 + Σ c_k b_k(F), which keeps the mean
+    (:func:`.series.linear_deviations`).
 
-    The mean slip force, which loops determine, is so left to its own number.
+    The mean slip force, which loops determine, is so left to its own number; and the friction force is linear in c_k.
     """
 
     base: SlipForce
@@ -52,7 +53,22 @@ class DeviatingSlipForce:
         return self.base.units
 
     def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
-        return series.deviating_to_mean(*self.base.table(parameter_values), _coefficients(parameter_values))
+        tables, top, _ = self.table_and_slopes(parameter_values)
+        return tables[0], top
+
+    def table_and_slopes(self, parameter_values: ParameterValues) -> tuple[Array, Array, Array]:
+        """The table and what it changes by for each c_k, (1 + deviations, draws, cells, 4), its top (draws,), and
+        :func:`.series.linear_deviations`' ratios."""
+        table, top = self.base.table(parameter_values)
+        tables, ratio = series.linear_deviations(table, top, SLIP_TERMS)
+        for slope, name in zip(tables[1:], SLIP_NAMES):
+            tables[0] += parameter_values[name][:, None, None] * slope
+        return tables, top, ratio
+
+    def possible(self, parameter_values: ParameterValues) -> Array:
+        """(draws,): is the density nowhere negative?"""
+        ratio = self.table_and_slopes(parameter_values)[2]
+        return series.least_factor(_coefficients(parameter_values), ratio) >= 0.0
 
     def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
         w, cubic, width = self._cells(phi, parameter_values)

@@ -148,20 +148,40 @@ class Model(Simulator):
         self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()
     ) -> Array:
         """Friction force of the elements in N, (draws, loops, samples), of a specimen moved exactly so."""
-        return self._sum(parameter_values, motion, np.zeros(len(parameter_values["kp_N_mm"])), effects)
+        return self._parts(parameter_values, motion, np.zeros(len(parameter_values["kp_N_mm"])), effects)[0][0]
 
     def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()) -> Array:
         """Friction, Eq. (3), and parallel spring, N, (draws, loops, samples)."""
-        return self._sum(parameter_values, motion, parameter_values["kp_N_mm"], effects)
+        return self._parts(parameter_values, motion, parameter_values["kp_N_mm"], effects)[0][0]
 
-    def _sum(
-        self, parameter_values: ParameterValues, motion: Motion, parallel: Array, effects: Sequence[Modifier]
-    ) -> Array:
-        """Friction + parallel·u, parallel (draws,) in N/mm.
+    def force_and_slopes(self, parameter_values: ParameterValues, motion: Motion) -> tuple[Array, Array]:
+        """The force and its derivatives by the slip forces' deviations, N, (1 + deviations, draws, loops, samples), and
+        the deviations' ratios (draws, deviations), which :func:`bayes_iwan.models.series.least_factor` takes.
+
+        The force is linear in these (:mod:`bayes_iwan.models.embedded_error`), so the derivatives hold at any distance.
+        """
+        return self._parts(parameter_values, motion, parameter_values["kp_N_mm"], slopes=True)
+
+    def possible(self, parameter_values: ParameterValues) -> Array:
+        """(draws,): is the slip forces' density nowhere negative?"""
+        family = self.slip_family
+        if isinstance(family, embedded_error.DeviatingSlipForce):
+            return family.possible(parameter_values)
+        return np.ones(len(parameter_values["kp_N_mm"]), bool)
+
+    def _parts(
+        self, parameter_values: ParameterValues, motion: Motion, parallel: Array, effects: Sequence[Modifier] = (),
+        slopes: bool = False,
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """Friction + parallel·u, parallel (draws,) in N/mm, and its derivatives: (1 or 1 + deviations, draws, loops,
+        samples); and the deviations' ratios.
 
         A draw's result does not depend on how the draws are parted among threads.
         """
-        out = np.empty((len(parallel), motion.loops, motion.samples))
+        family = self.slip_family
+        each = len(embedded_error.SLIP_NAMES) if slopes else 0
+        out = np.empty((1 + each, len(parallel), motion.loops, motion.samples))
+        ratio = np.zeros((len(parallel), each))
 
         def some_draws(part: slice) -> None:
             some = {name: value[part] for name, value in parameter_values.items()}
@@ -179,14 +199,19 @@ class Model(Simulator):
             asymmetry = np.zeros(len(alpha))
             for effect in effects:
                 asymmetry = asymmetry + effect.asymmetry(some)
-            tables, top = self.slip_family.table(some)
-            for effect in effects:
-                tables = effect.slip_table(tables, top, some)
+            if isinstance(family, embedded_error.DeviatingSlipForce) and slopes:
+                tables, top, ratio[part] = family.table_and_slopes(some)
+            else:
+                table, top = family.table(some)
+                for effect in effects:
+                    table = effect.slip_table(table, top, some)
+                tables = table[None]
             displacement_mm = np.ascontiguousarray(moved.displacement_mm)
+            found = np.empty((len(out), *alpha.shape))
             sliders.friction(
-                displacement_mm, moved.slope_mm, alpha, k, asymmetry, moved.periodic, tables, top, parallel[part],
-                out[part],
-            )  # fmt: skip
+                displacement_mm, moved.slope_mm, alpha, k, asymmetry, moved.periodic, tables, top, parallel[part], found
+            )
+            out[:, part] = found
 
         over_draws(some_draws, len(parallel), motion.loops * motion.samples)
-        return out
+        return out, ratio

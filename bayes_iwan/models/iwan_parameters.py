@@ -23,8 +23,8 @@ from bayes_iwan.models.simulator import force_zero
 if TYPE_CHECKING:
     from bayes_iwan.models.iwan import Model
 
-#: prior standard deviations of the embedded model error: of the first deviation of the slip forces' density (the k-th
-#: is a k-th of it), of the exponent in k(α), of the corner in α
+#: prior standard deviations of the embedded model error: of the k-th deviation of the slip forces' density the first
+#: number over k + 1, of the exponent in k(α), of the corner in α
 SLIP_SD, EXPONENT_SD, CORNER_SD = 0.3, 0.1, 0.05
 #: scale of the t₂ priors of what changes the normal force: its median magnitude is 0.27, that of N(0, 0.4). The paper
 #: gives no scale, and by Table 1 the change grows with the amplitude (2.2 at 5 mm), so the tails are heavy
@@ -119,7 +119,7 @@ def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
 def embedded_parameters() -> tuple[Parameter, ...]:
     """The embedded model error: how far the model's laws may deviate. Narrow, and centred on zero."""
     slip = (
-        Parameter(name, f"c{k}", "-", f"deviation {k} of the slip forces' density", stats.norm(scale=SLIP_SD / k))
+        Parameter(name, f"c{k}", "-", f"deviation {k} of the slip forces' density", stats.norm(scale=SLIP_SD / (k + 1)))
         for k, name in enumerate(embedded_error.SLIP_NAMES, start=1)
     )
     exponent, corner = stats.norm(scale=EXPONENT_SD), stats.norm(scale=CORNER_SD)

@@ -112,6 +112,11 @@ class Parameter:
             return name, (args[1],)
         return "", ()
 
+    @property
+    def normal(self) -> bool:
+        """Is it sampled, with a normal prior that is not cut? Then its value is linear in z."""
+        return self.free and self._form[0] == "norm" and self._ends == (0.0, 0.0)
+
     def value(self, z: Array) -> Array:
         """x(z), elementwise."""
         return self.value_within(np.clip(z, -Z_LIMIT, Z_LIMIT))

@@ -1,13 +1,18 @@
-"""Deviations of the model's functions: a base function times the exponential of a short series.
+"""Deviations of the model's functions: a base function times a short series, or its exponential.
 
 Three functions of the Iwan model are assumptions of form: the slip forces are a gamma mixture (Eq. 10), the stiffness
 follows the normal force by Eq. (12), the normal force follows the motion by Eq. (11). Each deviation here multiplies
-one of them. The product is positive whatever the coefficients, and the base function where all of them are zero.
+one of them, and is the base function where all coefficients are zero. With the exponential the product is positive
+whatever they are.
 
 Slip forces: their density is multiplied by exp(Σ c_k π_k(p)) / Z, where p = F(φ) is the share of elements that slip
 earlier and π_k the orthonormal Legendre polynomials on [0, 1]: Neyman's smooth alternatives (Skandinavisk
 Aktuarietidskrift 20, 1937, 150). The sliders need only the survival function, which becomes G(S(φ)) with one and the
 same G for all φ, so no quantile is ever inverted.
+
+The first order of the same is multiplied by 1 + Σ c_k b_k(p) (:func:`linear_deviations`): the friction force is linear
+in the density, so it is in these c_k too, which a posterior can then be integrated over in closed form. Only where the
+factor is positive is the product a density.
 """
 
 import math
@@ -19,6 +24,7 @@ from numpy.polynomial import legendre
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.models.kernels.sliders import OCTAVES
+from bayes_iwan.models.kernels.vectors import apart_and_wide
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
@@ -26,6 +32,8 @@ _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"
 #: mean slip force on the median and 2e-4 at most (tests/models/test_embedded.py)
 _P_CELLS = 64
 _GAUSS, _WEIGHTS = legendre.leggauss(3)
+#: places of p at which a density must not be negative
+_PLACES = 129
 
 
 def deviation_basis(order: int, p: Array) -> Array:
@@ -53,9 +61,8 @@ def _distribution(coefficients: Array) -> tuple[Array, Array]:
 
 
 @_jit
-def _deviating_tables(tables, top, width, value, slope, deviates, same_mean, out, stretch):
+def _deviating_tables(tables, top, width, value, slope, deviates, out):
     """Deviating tables into out: the deviating survival at the cells' ends and middles, integrated by Simpson's rule.
-    If same_mean they are stretched to the mean that they had, by a factor (draws,) that is left in stretch.
 
     The share of elements beyond the quantile p is read from Hermite cubics over equal cells of p. Where each place lies
     among them is worked out in vectors; reading cannot be.
@@ -65,7 +72,6 @@ def _deviating_tables(tables, top, width, value, slope, deviates, same_mean, out
     cubic = np.empty((parts, 4))
     cell, place, above = np.empty(2 * cells, np.uint64), np.empty(2 * cells), np.empty(2 * cells)
     for d in range(draws):
-        stretch[d] = 1.0
         if not deviates[d]:
             out[d] = tables[d]
             continue
@@ -103,12 +109,52 @@ def _deviating_tables(tables, top, width, value, slope, deviates, same_mean, out
             out[d, j, 3] = h * (start + end) - 2.0 * rise
             limited += rise
             start = end
-        if same_mean:
-            last = tables[d, cells - 1]
-            stretch[d] = (last[0] + last[1] + last[2] + last[3]) / limited
+
+
+@_jit
+def _linear_tables(tables, top, width, out, ratio):
+    """Tables of the deviations b_k into out (1 + order, draws, cells, 4), by Simpson's rule, the table itself first;
+    and r_k into ratio (draws, order).
+
+    ∫ π_k over (p, 1) is (P_{k−1}(x) − P_{k+1}(x)) / (2 √(2k + 1)), x = 2p − 1, by Legendre's recurrence.
+    """
+    apart_and_wide()
+    draws, cells = tables.shape[:2]
+    order, places = ratio.shape[1], 2 * cells + 1
+    x, former, own = np.empty(places), np.empty(places), np.empty(places)
+    beyond, mean = np.empty((order + 1, places)), np.empty(order + 1)
+    for d in range(draws):
+        out[0, d] = tables[d]
+        for j in range(cells):
+            per_h = 1.0 / (width[j] * top[d])
+            c1, c2, c3 = tables[d, j, 1] * per_h, 2.0 * tables[d, j, 2] * per_h, 3.0 * tables[d, j, 3] * per_h
+            x[2 * j], x[2 * j + 1], x[2 * j + 2] = c1, c1 + 0.5 * c2 + 0.25 * c3, c1 + c2 + c3
+        for i in range(places):
+            x[i] = min(max(1.0 - 2.0 * x[i], -1.0), 1.0) + 0.0 * x[i]  # NaN stays NaN
+            former[i], own[i] = 1.0, x[i]
+        for k in range(1, order + 2):
+            scale, one, two = 0.5 / math.sqrt(2.0 * k + 1.0), (2.0 * k + 1.0) / (k + 1.0), k / (k + 1.0)
+            for i in range(places):
+                following = one * x[i] * own[i] - two * former[i]
+                beyond[k - 1, i] = scale * (former[i] - following)
+                former[i], own[i] = own[i], following
+        for k in range(order + 1):
+            mean[k] = 0.0
             for j in range(cells):
-                for c in range(4):
-                    out[d, j, c] *= stretch[d]
+                mean[k] += width[j] * (beyond[k, 2 * j] + 4.0 * beyond[k, 2 * j + 1] + beyond[k, 2 * j + 2])
+        for k in range(order):
+            ratio[d, k] = mean[k + 1] / mean[0]
+            limited = 0.0
+            for i in range(places):
+                own[i] = beyond[k + 1, i] - ratio[d, k] * beyond[0, i]
+            for j in range(cells):
+                h = width[j] * top[d]
+                start, middle, end = own[2 * j], own[2 * j + 1], own[2 * j + 2]
+                rise = h * (start + 4.0 * middle + end) / 6.0
+                out[1 + k, d, j, 0], out[1 + k, d, j, 1] = limited, h * start
+                out[1 + k, d, j, 2] = 3.0 * rise - h * (2.0 * start + end)
+                out[1 + k, d, j, 3] = h * (start + end) - 2.0 * rise
+                limited += rise
 
 
 @cache
@@ -125,22 +171,36 @@ def deviating(tables: Array, top: Array, coefficients: Array) -> Array:
     coefficients : (draws, order), dimensionless; a draw with all of them zero keeps its table bit for bit. Order 1
         moves the mean, order 2 the spread; size 0.3 changes the density by about that share.
     """
-    return _deviating(tables, top, coefficients, False)[0]
-
-
-def deviating_to_mean(tables: Array, top: Array, coefficients: Array) -> tuple[Array, Array]:
-    """The same, with slip forces then stretched to the mean that they had: table and top."""
-    out, stretch = _deviating(tables, top, coefficients, True)
-    return out, top * stretch
-
-
-def _deviating(tables: Array, top: Array, coefficients: Array, same_mean: bool) -> tuple[Array, Array]:
-    """The deviating table, and what it was stretched by (draws,)."""
-    out, stretch = np.empty_like(tables), np.empty(len(tables))
+    out = np.empty_like(tables)
     value, slope = _distribution(coefficients)
     width, deviates = cell_width(tables.shape[1]), np.any(coefficients != 0.0, axis=1)
-    _deviating_tables(tables, top, width, value, slope, deviates, same_mean, out, stretch)
-    return out, stretch
+    _deviating_tables(tables, top, width, value, slope, deviates, out)
+    return out
+
+
+def linear_deviations(tables: Array, top: Array, order: int) -> tuple[Array, Array]:
+    """Tables of b_k(F) times the density, k = 1 … order, b_k = π_{k+1} − r_k π_1 with r_k such that the mean stays.
+
+    tables : (draws, cells, 4), top : (draws,) N, from a slip-force family's `table`. Returns the table itself and
+    these, (1 + order, draws, cells, 4), with the same top, and r (draws, order). The table plus Σ c_k of the others is
+    that of the density times 1 + Σ c_k b_k(F).
+    """
+    out, ratio = np.empty((1 + order, *tables.shape)), np.empty((len(tables), order))
+    _linear_tables(tables, top, cell_width(tables.shape[1]), out, ratio)
+    return out, ratio
+
+
+@cache
+def _places_basis(order: int) -> Array:
+    """(order, places) of the basis at places of p."""
+    return deviation_basis(order, np.linspace(0.0, 1.0, _PLACES))
+
+
+def least_factor(coefficients: Array, ratio: Array) -> Array:
+    """The least value (draws,) of 1 + Σ c_k b_k(p) over p; coefficients, ratio : (draws, order)."""
+    basis = _places_basis(coefficients.shape[1] + 1)
+    first = np.sum(coefficients * ratio, axis=1, keepdims=True)
+    return np.min(1.0 + coefficients @ basis[1:] - first * basis[0], axis=1)
 
 
 def deviating_stiffness(k: Array, alpha: Array, exponent: Array, growth: Array) -> Array:

@@ -46,7 +46,7 @@ class Plan:
     max_steps: int = 200_000
     target_r_hat: float = 1.01
     target_ess: float = 400.0
-    chain_taus: float = 50.0
+    chain_taus: float = 10.0
     progress: bool = True
 
     def __post_init__(self) -> None:
@@ -78,9 +78,9 @@ class Plan:
             raise SamplingError(f"quantities(z) returned shape {values.shape}; it must be (n, {count})")
         return values.reshape(*z.shape[:-1], count)
 
-    def shortfall(self, result: Convergence, taus: float | None = None) -> str:
-        """What is short of the targets, "" where nothing is; taus : instead of chain_taus."""
-        return result.shortfall(self.target_r_hat, self.target_ess, self.chain_taus if taus is None else taus)
+    def shortfall(self, result: Convergence) -> str:
+        """What is short of the targets, "" where nothing is."""
+        return result.shortfall(self.target_r_hat, self.target_ess, self.chain_taus)
 
     def ended(self, short: str, steps: int, late: bool) -> tuple[Stop | None, str]:
         """Whether and why a run is over that is so much short after so many steps; late : its time is up."""

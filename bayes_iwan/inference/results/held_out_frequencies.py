@@ -18,7 +18,7 @@ from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.inference.results.predictions import resolved
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
-from bayes_iwan.inference.solving.chains import approximate_draws
+from bayes_iwan.inference.solving.chains import first_draws
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.models.motion import motion_of
 
@@ -93,7 +93,7 @@ def predicted(problem: Problem, z: Array, loops: Sequence[Loop], seed: int) -> t
     """Loops as measured again (draws, tests, samples), N, about a problem's optimum z (ndim,), and the measured ones
     (tests, samples), both less their means, which drift."""
     rng, fitted = np.random.default_rng([seed, 33]), len(problem.loops)
-    drawn = approximate_draws(problem, z, _DRAWS, (seed, 33))
+    drawn = first_draws(problem, z[None], _DRAWS, seed)
     force = problem.predict(drawn, motion_of((*problem.loops, *loops)))
     residual_N, force = problem.measured_N - force[:, :fitted], force[:, fitted:]
     noise = problem.likelihood.carried_over(residual_N, problem.parameter_values(drawn), loops, rng)

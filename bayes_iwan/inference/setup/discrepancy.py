@@ -214,17 +214,15 @@ class Correlated:
         log_p -= 0.5 * degrees * (np.log(2.0 * np.pi * variance) + 2.0 * own[:, None, :])
         return log_p * there[:, None, :]
 
-    def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
-        one = {p.name: parameter_values[p.name][:, None] for p in self.parameters}
-        return self.log_likelihoods(residual_N, one)[:, 0]
+    @property
+    def normal(self) -> bool:
+        return True
 
-    def log_likelihoods(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+    def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         turn, values, there, log_noise = self.rotation
         degrees = np.where(np.arange(len(there)) == 0, 1.0, 2.0)[:, None]
         constant = -0.5 * float(np.sum(degrees * (there * np.log(2.0 * np.pi) + 2.0 * there * log_noise)))
-        noise = parameter_values["noise_scale"] ** 2
-        flat = {p.name: parameter_values[p.name].ravel() for p in self.parameters}
-        spectrum = self._spectrum(flat).reshape(*noise.shape, self.used)
+        noise, spectrum = parameter_values["noise_scale"] ** 2, self._spectrum(parameter_values)
         out = np.empty(noise.shape)
 
         def some_draws(part: slice) -> None:
@@ -326,30 +324,25 @@ def on_phases(parts: Array, samples: int) -> Array:
 
 @nb.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _discrepancy(parts, turn, values, there, spectrum, noise, out):
-    """Σ |rotated residual|² / variance + ln determinant, over harmonics and tests, into out (draws, count); a residual
-    is rotated once for all its noises."""
+    """Σ |rotated residual|² / variance + ln determinant, over harmonics and tests, into out (draws,)."""
     tests, draws, _ = parts.shape
     used = turn.shape[0]
-    power = np.empty(tests)
     for d in range(draws):
         out[d] = 0.0
         for h in range(used):
             degrees = 1.0 if h == 0 else 2.0  # the mean has no imaginary part
+            total, product = 0.0, 1.0  # one logarithm for several variances: it costs as much as they do
             for i in range(tests):
+                if there[h, i] == 0.0:
+                    continue
                 a = b = 0.0
                 for j in range(tests):
                     a += turn[h, i, j] * parts[j, d, h]
                     b += turn[h, i, j] * parts[j, d, used + h]
-                power[i] = a * a + b * b
-            for c in range(noise.shape[1]):
-                total, product = 0.0, 1.0  # one logarithm for several variances: it costs as much as they do
-                for i in range(tests):
-                    if there[h, i] == 0.0:
-                        continue
-                    variance = noise[d, c] + spectrum[d, c, h] * values[h, i]
-                    total += power[i] / variance
-                    product *= variance
-                    if i % 8 == 7:
-                        total += degrees * math.log(product)
-                        product = 1.0
-                out[d, c] += total + degrees * math.log(product)
+                variance = noise[d] + spectrum[d, h] * values[h, i]
+                total += (a * a + b * b) / variance
+                product *= variance
+                if i % 8 == 7:
+                    total += degrees * math.log(product)
+                    product = 1.0
+            out[d] += total + degrees * math.log(product)

@@ -34,11 +34,12 @@ class Likelihood(Protocol):
     @property
     def parameters(self) -> tuple[Parameter, ...]: ...
 
+    @property
+    def normal(self) -> bool:
+        """Are the errors normal, given its parameters? Then `rows` says all of how probable a residual is."""
+
     def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         """ln p(data | prediction), (draws,); residual (draws, tests, samples)."""
-
-    def log_likelihoods(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
-        """The same of several noises for each residual: numbers and result (draws, count)."""
 
     def pointwise(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         """The same by independent data, (draws, points), summing to :meth:`log_likelihood`."""
@@ -80,6 +81,10 @@ class Independent:
     def name(self) -> str:
         return self.kind
 
+    @property
+    def normal(self) -> bool:
+        return self.kind == "gaussian"
+
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         return (
@@ -115,15 +120,12 @@ class Independent:
         return (self._count * log_p).reshape(len(residual_N), -1)
 
     def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
-        return self.log_likelihoods(residual_N, {"noise_N": parameter_values["noise_N"][:, None]})[:, 0]
-
-    def log_likelihoods(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         scale = parameter_values["noise_N"]
         points = self.weights.size  # the logarithms of the weights sum to zero
         if self.kind == "laplace":
-            error = np.einsum("dts,ts->d", np.abs(residual_N), self.weights)[:, None]
+            error = np.einsum("dts,ts->d", np.abs(residual_N), self.weights)
             return -self._count * (points * np.log(2.0 * scale) + error / scale)
-        error = np.einsum("dts,ts->d", residual_N * residual_N, self.weights)[:, None]
+        error = np.einsum("dts,ts->d", residual_N * residual_N, self.weights)
         return -0.5 * self._count * (points * np.log(2.0 * np.pi * scale**2) + error / scale**2)
 
     def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:

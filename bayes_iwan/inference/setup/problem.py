@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.campaign import Loop
@@ -23,7 +22,6 @@ from bayes_iwan.inference.setup.priors import ParameterError, Prior, configured
 from bayes_iwan.inference.setup.settings import ModelSettings
 from bayes_iwan.models import Model, ModelError, Motion, Scales, Simulator
 from bayes_iwan.models.motion import motion_of
-from bayes_iwan.models.parameter import Z_LIMIT
 from bayes_iwan.models.simulator import FORCE_ZERO, OUTER, force_zero, inner_effects, offered, recorded_force
 
 #: samples of a loop that a proposal needs; with 64 it is as good as with 128
@@ -134,6 +132,18 @@ class Problem:
         """Measured − predicted, (draws, tests, samples), N."""
         return self.measured_N - self.predict(z)
 
+    def residual_and_slopes(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
+        """Measured − predicted and its derivatives by the slip forces' deviations, (1 + deviations, draws, tests,
+        samples), N, of the Iwan model without effects; and the deviations' ratios."""
+        out, ratio = self.model.force_and_slopes(parameter_values, self.motion)  # type: ignore[attr-defined]
+        np.negative(out, out=out)
+        out[0] += self.measured_N - parameter_values[FORCE_ZERO][:, None, None]
+        return out, ratio
+
+    def possible(self, z: Array) -> Array:
+        """(draws,): does the model mean something there?"""
+        return self.model.possible(self.parameter_values(z))
+
     def log_likelihood(self, z: Array) -> Array:
         """Log-likelihood of each draw, (draws,); −∞ where the prediction is not finite."""
         parameter_values = self.parameter_values(z)
@@ -141,8 +151,8 @@ class Problem:
             value = self.likelihood.log_likelihood(self.measured_N - self.force(parameter_values), parameter_values)
         return np.where(np.isfinite(value), value, -np.inf)
 
-    def log_prob(self, z: Array) -> Array:
-        """Log posterior density over z, up to the evidence, (draws,)."""
+    def log_density(self, z: Array) -> Array:
+        """Log prior density plus log-likelihood, (draws,), also where the model means nothing."""
         prior = self.prior.log_density(z)
         out = np.full(len(prior), -np.inf)
         inside = np.isfinite(prior)
@@ -150,28 +160,9 @@ class Problem:
             out[inside] = prior[inside] + self.log_likelihood(np.atleast_2d(z)[inside])
         return out
 
-    @cached_property
-    def noise_columns(self) -> NDArray[np.int64]:
-        """Places of the noise's parameters in z."""
-        noise = {p.name for p in self.likelihood.parameters}
-        return np.array([i for i, name in enumerate(self.names) if name in noise], dtype=np.int64)
-
-    def log_prob_of_noise(self, z: Array, noise: Array) -> Array:
-        """Log posterior density (draws, count) with noise parameters (draws, count, noise) in the place of z's own;
-        the prediction of each z serves all of them."""
-        still = z.copy()
-        still[:, self.noise_columns] = 0.0
-        prior = self.prior.log_density(still)[:, None] - 0.5 * np.sum(noise**2, axis=2)
-        prior[np.any(np.abs(noise) > Z_LIMIT, axis=2)] = -np.inf
-        drawn = {self.names[i]: noise[:, :, k] for k, i in enumerate(self.noise_columns)}
-        held, values = self.prior.values(z), {}
-        for p in self.likelihood.parameters:
-            source = self.prior[p.name].tied or p.name
-            own = held[p.name][:, None] + np.zeros(noise.shape[:2])
-            values[p.name] = self.prior[source].value(drawn[source]) if source in drawn else own
-        with np.errstate(all="ignore"):
-            value = prior + self.likelihood.log_likelihoods(self.residual(z), values)
-        return np.where(np.isfinite(value), value, -np.inf)
+    def log_prob(self, z: Array) -> Array:
+        """Log posterior density over z, up to the evidence, (draws,); −∞ where the model means nothing."""
+        return np.where(self.possible(z), self.log_density(z), -np.inf)
 
     def pointwise(self, z: Array) -> Array:
         """Log-likelihood by datum, (draws, points)."""

@@ -111,12 +111,12 @@ class SamplingSettings:
     """
 
     ensembles: int = 4
-    walkers: int = 40
+    walkers: int = 16
     budget_s: float = 240.0
     max_steps: int = 200_000
     r_hat: float = 1.01
     ess: float = 400.0
-    taus: float = 50.0
+    taus: float = 10.0
     draws: int = 4096
     between_tests: bool = True
 

@@ -1,32 +1,29 @@
-"""How a problem's posterior is handed to the sampler, and its normal approximation."""
+"""How a problem's posterior is handed to the sampler."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from scipy.special import softmax
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Processes
+from bayes_iwan.inference.setup.marginal import Marginal
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.setup.settings import SamplingSettings
-from bayes_iwan.inference.solving.point import Point, laplace_scale, near_optima
+from bayes_iwan.inference.solving.point import laplace_scale
 from bayes_iwan.models import Model
-from bayes_iwan.models.parameter import Z_LIMIT
-from bayes_iwan.sampling.blocks import generator
+from bayes_iwan.sampling.blocks import Density
 from bayes_iwan.sampling.chains import Chains
-from bayes_iwan.sampling.moves.manifold import Manifold
-from bayes_iwan.sampling.moves.metropolis import LeastSquares
-from bayes_iwan.sampling.nuisance import Nuisance
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import sample
 
-#: of the normal approximation: parts of the way to a draw (twice as many lead hardly further), and how often the noise
-#: is learnt from how many draws before
-_PARTS, _PASSES, _PILOT = 4, 3, 200
+
+#: settings of a quick run: the pilot and so many steps of all walkers
+QUICK: dict[str, Any] = {"max_steps": 100, "ess": 0.0, "r_hat": float("inf"), "taus": float("inf")}
 
 
 @dataclass(frozen=True)
@@ -42,31 +39,8 @@ class Run:
     executor: Executor | None = None
 
 
-@dataclass(frozen=True)
-class WhitenedResiduals:
-    """A problem's residuals, whitened, z (n, ndim) → (n, k): what can travel to other processes."""
-
-    problem: Problem
-
-    def __call__(self, z: Array) -> Array:
-        return self.problem.rows(z)[:, : -self.problem.ndim]
-
-
-def least_squares_of(problem: Problem, optimum: Array) -> LeastSquares:
-    """A problem's posterior as a sum of squares, about an optimum z (ndim,)."""
-    columns, root = problem.noise_columns, laplace_scale(problem, optimum)
-    root = np.asarray(np.linalg.cholesky((root @ root.T)[np.ix_(columns, columns)]))
-    return LeastSquares(
-        WhitenedResiduals(problem.coarser()),
-        problem.log_prob_of_noise,
-        Nuisance(columns, optimum[columns], root),
-        problem.ndim,
-        Z_LIMIT,
-    )
-
-
-def sampled(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Chains:
-    """Draws of a problem's posterior, by walkers that start at the optima of a point estimate."""
+def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> Chains:
+    """Draws of a problem's posterior, by walkers that start about its optima (k, ndim), best first."""
     names, parameter_values = _unsampled(problem)
     plan = Plan(
         names=tuple(problem.names),
@@ -83,16 +57,22 @@ def sampled(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Ch
         chain_taus=s.taus,
         progress=run.progress,
     )
+    marginal = Marginal(problem)
     return sample(
-        problem.log_prob,
-        least_squares_of(problem, point.optima[0]),
-        near_optima(point.optima, point.optima_log_prob),
+        Density(marginal, marginal.walked, marginal.drawn),
+        optima,
+        laplace_scale(problem, optima[0]),
         plan,
         n_ensembles=s.ensembles,
         n_walkers=s.walkers,
         # a simulator of the user's own may live in a file that other processes have not read
         executor=run.executor if isinstance(problem.model, Model) and isinstance(run.executor, Processes) else None,
     )
+
+
+def first_draws(problem: Problem, optima: Array, count: int, seed: int) -> Array:
+    """z (count, ndim) of a short run without a checkpoint, which is not asked whether it has converged."""
+    return sampled(problem, optima, replace(SamplingSettings(), **QUICK), Run(seed)).flat(count)
 
 
 def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Array] | None]:
@@ -112,38 +92,3 @@ def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Arr
         return np.stack([named[name].values for name in names], axis=1)
 
     return names, parameter_values if names else None
-
-
-def approximate_draws(problem: Problem, optima: Array, count: int, seed: Sequence[int]) -> Array:
-    """z (count, ndim) of the normal approximation about optima (k, ndim) or (ndim,), each as often as its Laplace
-    evidence says, drawn along the posterior's manifold; noise parameters by their conditional posterior.
-
-    Normal draws of the parameters would leave the thin curved sheet that the posterior is, and with it the loops. So
-    each draw is a fit to loops and priors that were shifted by their noise ("randomise, then optimise": Bardsley,
-    Solonen, Haario & Laine, SIAM J. Sci. Comput. 36, 2014, A1895): along the optimum's tangents it is standard normal,
-    and it lies on the sheet; where the sheet turns over on the way there, the draw is the last place before.
-    """
-    random, optima = generator(seed), np.atleast_2d(optima)
-    evidence = problem.log_prob(optima) + [np.linalg.slogdet(laplace_scale(problem, z))[1] for z in optima]
-    counts = random.multinomial(count, softmax(evidence))
-    parts = [_about(problem, *at, random) for at in zip(optima, counts.tolist()) if at[1]]
-    return np.concatenate(parts)[random.permutation(count)]
-
-
-def _about(problem: Problem, optimum: Array, count: int, random: np.random.RandomState) -> Array:
-    """z (count, ndim) about an optimum (ndim,).
-
-    At the optimum the noise is less than it is on average, since the parameters take up some of it; so it is learnt
-    from draws first.
-    """
-    target = least_squares_of(problem, optimum)
-    for _ in range(_PASSES):
-        target = target.fitted(_drawn(target, optimum, _PILOT, random))
-    return _drawn(target, optimum, count, random)
-
-
-def _drawn(target: LeastSquares, optimum: Array, count: int, random: np.random.RandomState) -> Array:
-    """z (count, ndim) at the ends of standard normal ways along the manifold."""
-    manifold = Manifold(target)
-    unit = random.standard_normal((count, len(manifold.free)))
-    return target.integrated(manifold.followed(manifold.places(optimum[None]), unit, _PARTS), random).z

@@ -14,13 +14,16 @@ staircase, and the force follows from integration by parts (e(0) = 0):
     F = k ∫ e(φ) φ̃(φ) dφ = k ∫ e'(φ) S(φ) dφ = −k Σ_pieces m ΔL,      L(φ) = ∫₀^φ S = E[min(Φ, φ)],
 
 where S is the survival function of the slip-force distribution, Eq. (10). L is one smooth function per draw,
-tabulated once (:mod:`bayes_iwan.models.slip_force`), so nothing is summed over elements. Holes and elements that
+tabulated once (:mod:`bayes_iwan.models.slip_force`), so nothing is summed over elements. The pieces do not depend on L:
+they are followed once for however many tables, and F is linear in L. Holes and elements that
 stick again while others slip (α rising or falling fast) are cut like everything else: nothing assumes that slip
 spreads from φ = 0. `analyses/jenkins_elements.py` is what tests compare it with.
 
 State in memory: the front piece [0, front] with x = u − q φ is held in scalars; the pieces beyond it lie in a stack
-(rows of `st`, top = next to the front) with columns p, m, end, x(end), L(end), left, where left = −Σ m ΔL of all
-pieces beyond `end`. The bottom row is the tail, end = ∞, of elements that never slipped.
+(rows of `st`, top = next to the front) with columns p, m, end, x(end), node. The bottom row is the tail, end = ∞, of
+elements that never slipped. What the pieces beyond the front hold, −Σ m ΔL, is Σ w L(end) over their ends, w = m beyond
+less m before. Each row's end is a node of a tree, which its rows below are the parents of: whatever was once in the
+stack is kept there, for tables to be read along it when the way has been followed.
 
 The functions here call each other, so they stay in one file (numba's cache does not see changes elsewhere).
 """
@@ -42,7 +45,9 @@ OCTAVES = 20
 ON_CHORD = 1e-9
 #: entries that the front glides over at most before the next look at what lies beyond it
 LONGEST = 64
-P, M, END, X_END, L_END, LEFT = range(6)
+P, M, END, X_END, NODE = range(5)
+#: of a node
+PLACE, WEIGHT, PARENT = range(3)
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 #: for what allocates nothing: without it numba counts references to every array at every call, 100 ns each time
@@ -80,15 +85,17 @@ def _limited_mean(phi, row, scale, shift):
 
 
 @_part
-def _drop_least(top, st):
-    """Drop the vertex whose loss changes x(φ) least (smallest triangle), and correct the sums above it.
+def _drop_least(top, st, nodes, row, scale, shift):
+    """Drop the vertex whose loss changes x(φ) least (smallest triangle), with new nodes for it and those above it.
 
     The triangle is taken over L, not φ: where few elements are left a vertex matters little.
     The chord that replaces two pieces stays inside the cone, which is convex.
     """
     least, smallest = 2, np.inf
     for j in range(2, top - 1):  # vertex between piece j and piece j − 1; piece j begins at row j + 1
-        a, b = st[j, L_END] - st[j + 1, L_END], st[j - 1, L_END] - st[j + 1, L_END]
+        before = _limited_mean(st[j + 1, END], row, scale, shift)
+        a = _limited_mean(st[j, END], row, scale, shift) - before
+        b = _limited_mean(st[j - 1, END], row, scale, shift) - before
         area = abs(a * (st[j - 1, X_END] - st[j + 1, X_END]) - b * (st[j, X_END] - st[j + 1, X_END]))
         if area < smallest:
             least, smallest = j, area
@@ -96,25 +103,36 @@ def _drop_least(top, st):
     width = st[least - 1, END] - start
     slope = (st[least - 1, X_END] - start_x) / width if width > 0.0 else 0.0
     st[least - 1, P], st[least - 1, M] = start_x - slope * start, slope
+    _new_node(least - 1, st, nodes)
     for j in range(least, top - 1):
-        for column in range(6):
+        for column in range(NODE):
             st[j, column] = st[j + 1, column]
-        st[j, LEFT] = st[j - 1, LEFT] - st[j - 1, M] * (st[j - 1, L_END] - st[j, L_END])
+        _new_node(j, st, nodes)
     return top - 1
 
 
+@_inner
+def _new_node(j, st, nodes):
+    """A node for the end of the piece in row j; how many there are stands in the first one's place."""
+    count = np.int64(nodes[0, PLACE])
+    nodes[count, PLACE], nodes[count, WEIGHT] = st[j, END], st[j - 1, M] - st[j, M]
+    nodes[count, PARENT] = st[j - 1, NODE]
+    st[j, NODE] = count
+    nodes[0, PLACE] = count + 1
+
+
 @_part
-def _push(top, p, m, end, x_end, ell, st):
+def _push(top, p, m, end, x_end, st, nodes, row, scale, shift):
     """Stack the piece x = p + m φ that ends at φ = end; returns the number of pieces."""
     if top == MAX_PIECES:
-        top = _drop_least(top, st)
-    st[top, P], st[top, M], st[top, END], st[top, X_END], st[top, L_END] = p, m, end, x_end, ell
-    st[top, LEFT] = st[top - 1, LEFT] - st[top - 1, M] * (st[top - 1, L_END] - ell)
+        top = _drop_least(top, st, nodes, row, scale, shift)
+    st[top, P], st[top, M], st[top, END], st[top, X_END] = p, m, end, x_end
+    _new_node(top, st, nodes)
     return top + 1
 
 
 @_part
-def _cut(top, u, up, down, front, front_x, st, work, row, scale, shift):
+def _cut(top, u, up, down, front, front_x, st, work, nodes, row, scale, shift):
     """Cut the whole polyline with the cone −down·φ ≤ e ≤ up·φ: the general case, where more than the front slips.
 
     Rare (entered only when a vertex beyond the front lies outside the cone), so it may be slow.
@@ -146,8 +164,8 @@ def _cut(top, u, up, down, front, front_x, st, work, row, scale, shift):
     for j in range(count - 1, 0, -1):  # from the tail to the front
         width = work[j, 0] - work[j - 1, 0]
         slope = (work[j, 1] - work[j - 1, 1]) / width if width > 0.0 else 0.0
-        ell = _limited_mean(work[j, 0], row, scale, shift)
-        top = _push(top, work[j, 1] - slope * work[j, 0], slope, work[j, 0], work[j, 1], ell, st)
+        p = work[j, 1] - slope * work[j, 0]
+        top = _push(top, p, slope, work[j, 0], work[j, 1], st, nodes, row, scale, shift)
     return top, work[0, 0], work[0, 1]
 
 
@@ -284,7 +302,7 @@ def _run_in(at, stop, last, j, first, normal, stiff):
 
 
 @_inner
-def _glide(at, j, normal, stiff, begin, stop, s, asymmetry, top, st, edge, left, ends, slope, held):
+def _glide(at, j, normal, stiff, begin, stop, s, asymmetry, top, st, edge, ends, slope, held):
     """The first entry from `begin` on that the front need not reach by gliding along its piece; `stop` if all do.
     What their forces need goes into ends, slope and held (what is written there beyond the first such entry, or beyond
     `stop`, is written again).
@@ -309,6 +327,7 @@ def _glide(at, j, normal, stiff, begin, stop, s, asymmetry, top, st, edge, left,
     high_slope = (high_1 - high_0) / way if top > 2 else 0.0
     low_slope = (low_1 - low_0) / way if top > 1 else 0.0
     a, b = np.uint64(begin), np.uint64(begin + (stop - begin + 15) // 16 * 16)  # whole vectors
+    node = st[top - 1, NODE]
     reached, over_before, under_before = b, edge, 1.0
     for e in range(a, b):
         over, under = s * (at[j, e] - p) * stiff[e], ahead * normal[e] + m * stiff[e]
@@ -318,32 +337,33 @@ def _glide(at, j, normal, stiff, begin, stop, s, asymmetry, top, st, edge, left,
         inside &= (low_0 + low_slope * du) * stiff[e] <= behind * normal[e]
         reached = min(reached, b if forward & inside else e)  # type: ignore[arg-type]
         over_before, under_before = over, under
-        ends[e], slope[e], held[e] = over / under, s * under, left
+        ends[e], slope[e], held[e] = over / under, s * under, node
     return min(np.int64(reached), stop)
 
 
 @_inner
-def _forces(at, j, first, count, stiff, ends, slope, held, parallel, row, scale, shift, force):
+def _forces(at, j, first, count, stiff, ends, slope, held, nodes, beyond, parallel, row, scale, shift, force):
     """Force at the entries from `first` on, k ∫ e' S and the parallel spring's: the front, [0, ends] with k e' = slope,
-    and what the pieces beyond it hold. All at once, since short stretches of a gathering loop cost twice as much."""
+    and what the pieces beyond it hold, by the node held. All at once, since short stretches of a gathering loop cost
+    twice as much."""
     apart_and_wide()
+    beyond[0] = 0.0
+    for i in range(1, np.int64(nodes[0, PLACE])):
+        ell = _limited_mean(nodes[i, PLACE], row, scale, shift)
+        beyond[i] = beyond[np.int64(nodes[i, PARENT])] + nodes[i, WEIGHT] * ell
     for e in range(np.uint64(first), np.uint64(first + (count - first + 15) // 16 * 16)):  # whole vectors
         ell = _limited_mean(ends[e], row, scale, shift)
-        force[e] = slope[e] * ell + stiff[e] * held[e] + parallel * at[j, e]
+        force[e] = slope[e] * ell + stiff[e] * beyond[np.int64(held[e])] + parallel * at[j, e]
 
 
 @_inner
 def _follow(
-    at, stop, j, start, first, count, normal, stiff, asymmetry, parallel, row, scale, shift, limit,
-    st, work, ends, slope, held, force,
+    at, stop, j, start, first, count, normal, stiff, asymmetry, row, scale, shift, st, work, nodes, ends, slope, held
 ):  # fmt: skip
-    """Follow the way of loop j from rest, entries [start, count); force at those from `first` on, k times ∫ e φ̃ dφ,
-    and the spring's.
-
-    limit : L beyond all slip forces.
-    """
-    st[0, P] = st[0, M] = st[0, X_END] = st[0, LEFT] = 0.0  # virgin: x = 0 for every φ, no front, only the tail
-    st[0, END], st[0, L_END] = np.inf, limit
+    """Follow the way of loop j from rest, entries [start, count); into ends, slope and held at those from `first` on
+    what :func:`_forces` reads."""
+    st[0, P] = st[0, M] = st[0, X_END] = st[0, NODE] = 0.0  # virgin: x = 0 for every φ, no front, only the tail
+    st[0, END], nodes[0, PLACE] = np.inf, 1.0
     top, last, q, edge, step = 1, 0.0, 0.0, 0.0, start
     while step < count:
         now, r = at[j, step], normal[step] / stiff[step]
@@ -354,8 +374,7 @@ def _follow(
             # the front piece is x = last − qφ; it slips on as a whole if its end lies beyond the cone
             if s * (du + q * edge) <= r * edge:
                 if edge > 0.0:
-                    ell = _limited_mean(edge, row, scale, shift)
-                    top = _push(top, last, -q, edge, last - q * edge, ell, st)
+                    top = _push(top, last, -q, edge, last - q * edge, st, nodes, row, scale, shift)
             else:
                 while s * (now - st[top - 1, X_END]) > r * st[top - 1, END]:
                     top -= 1
@@ -372,39 +391,38 @@ def _follow(
             e, most = now - st[piece, X_END], st[piece, END] * (1.0 + 1e-12)
             beyond |= e > up * most or -e > down * most
         if beyond:
-            top, edge, x = _cut(top, now, up, down, edge, now - q * edge, st, work, row, scale, shift)
+            top, edge, x = _cut(top, now, up, down, edge, now - q * edge, st, work, nodes, row, scale, shift)
             q, glides = (now - x) / edge if edge > 0.0 else 0.0, False
         m, end = st[top - 1, M], step + 1
-        left = st[top - 1, LEFT] - m * st[top - 1, L_END]
         if step >= first:
-            ends[step], slope[step], held[step] = edge, (q + m) * stiff[step], left
+            ends[step], slope[step], held[step] = edge, (q + m) * stiff[step], st[top - 1, NODE]
         if glides and end < stop[j, step]:
             stretch = min(stop[j, step], end + LONGEST)
-            end = _glide(at, j, normal, stiff, end, stretch, s, asymmetry, top, st, edge, left, ends, slope, held)
+            end = _glide(at, j, normal, stiff, end, stretch, s, asymmetry, top, st, edge, ends, slope, held)
             if end > step + 1:
                 now, q = at[j, end - 1], s * (1.0 + s * asymmetry) * normal[end - 1] / stiff[end - 1]
                 edge = (now - p) / (q + m)
         last, step = now, end
-    _forces(at, j, first, count, stiff, ends, slope, held, parallel, row, scale, shift, force)
 
 
 @_jit
 def friction(u, slope, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
-    """Friction force of all loops of all draws, plus a parallel spring.
+    """Friction force of all loops of all draws, plus a parallel spring; and what else is linear in the tables.
 
     u, slope : (1 or draws, loops, samples), mm and mm a sample, the latter NaN where it is not known; between samples
         α, k and, but for its turning points, u are taken as monotone.
-    alpha, k, out : (draws, loops, samples); relative normal force and stiffness in N/mm; out in N.
+    alpha, k : (draws, loops, samples); relative normal force and stiffness in N/mm.
+    out : (tables, draws, loops, samples), N; the spring is added to the first.
     asymmetry : (draws,) in (−1, 1); an element slips at αφ(1 + asymmetry) where u rises, αφ(1 − asymmetry) where it
         falls.
     closed : the loops repeat themselves, else they are records from rest at u = 0. What a cycle does to an element is
         a composition of clips, so a clip, so idempotent: one run-in reaches the steady state, on few samples
         (:func:`_run_in`).
-    tables : (draws, cells, 4), phi_top : (draws,), from :mod:`bayes_iwan.models.slip_force`.
+    tables : (tables, draws, cells, 4), phi_top : (draws,), from :mod:`bayes_iwan.models.slip_force`.
     parallel : (draws,) stiffness in N/mm of a spring beside it; zeros for friction alone.
     """
-    draws, loops, samples = out.shape
-    cells, first = tables.shape[1], 2 * samples + 16
+    each, draws, loops, samples = out.shape
+    cells, first = tables.shape[2], 2 * samples + 16
     longest = 2 * first + 32
     longest += (88 - longest) % 512  # rows a multiple of 4096 bytes apart would get into each other's way
     shift = 52
@@ -415,11 +433,12 @@ def friction(u, slope, alpha, k, asymmetry, closed, tables, phi_top, parallel, o
     last, count = np.empty((loops, longest), np.int64), np.empty(loops, np.int64)
     normal, stiff, force = np.zeros(longest), np.zeros(longest), np.zeros(longest)
     ends, front, held = np.zeros(longest), np.zeros(longest), np.zeros(longest)
-    row, st, work = np.empty(4 * cells + 4), np.empty((MAX_PIECES, 6)), np.empty((2 * MAX_PIECES + 1, 2))
+    rows, st, work = np.empty((each, 4 * cells + 4)), np.empty((MAX_PIECES, 5)), np.empty((2 * MAX_PIECES + 1, 2))
+    nodes, beyond = np.empty((2 * MAX_PIECES * longest, 3)), np.empty(2 * MAX_PIECES * longest)
     for d in range(draws):
-        _in_a_row(tables[d], shift, row)
+        for i in range(each):
+            _in_a_row(tables[i, d], shift, rows[i])
         scale = 1.0 / phi_top[d]
-        limit = _limited_mean(2.0 * phi_top[d], row, scale, shift)
         for j in range(loops):
             if d < u.shape[0]:  # one motion for all draws, or one each
                 count[j] = _way(
@@ -428,16 +447,22 @@ def friction(u, slope, alpha, k, asymmetry, closed, tables, phi_top, parallel, o
             _series(alpha, k, d, j, where, off, turns, first, normal, stiff)
             start = _run_in(at, stop, last, j, first, normal, stiff) if closed else first
             _follow(
-                at, stop, j, start, first, count[j], normal, stiff, asymmetry[d],
-                parallel[d], row, scale, shift, limit, st, work, ends, front, held, force,
+                at, stop, j, start, first, count[j], normal, stiff, asymmetry[d], rows[0], scale, shift, st, work,
+                nodes, ends, front, held,
             )  # fmt: skip
-            begin, i = first, 0
-            for t in range(1, turns[j, 0] + 2):
-                e = turns[j, t]
-                for c in range(np.uint64(0), np.uint64(e - begin)):
-                    out[d, j, np.uint64(i) + c] = force[np.uint64(begin) + c]
-                i += e - begin
-                begin = e + 1
+            for i in range(each):
+                spring = parallel[d] if i == 0 else 0.0
+                _forces(
+                    at, j, first, count[j], stiff, ends, front, held, nodes, beyond, spring, rows[i], scale, shift,
+                    force,
+                )  # fmt: skip
+                begin, c = first, 0
+                for t in range(1, turns[j, 0] + 2):
+                    e = turns[j, t]
+                    for s in range(np.uint64(0), np.uint64(e - begin)):
+                        out[i, d, j, np.uint64(c) + s] = force[np.uint64(begin) + s]
+                    c += e - begin
+                    begin = e + 1
 
 
 def way(displacement_mm: Array, slope_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64], Array]:

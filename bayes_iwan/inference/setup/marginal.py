@@ -1,0 +1,89 @@
+"""The posterior with the slip forces' deviations integrated out in closed form, and these drawn given the others.
+
+The force is linear in the deviations c of the slip forces' density (:mod:`bayes_iwan.models.embedded_error`), their
+priors are normal, and so is the likelihood given its noise parameters. With r the whitened residual without
+deviations, H its slope by them in units of their prior's standard deviation, and A = I + HᵀH,
+
+    ∫ p(r − Hc) N(c) dc = p(r) · exp(½ bᵀA⁻¹b) / √|A|,      b = Hᵀr,      c | the others ~ N(A⁻¹b, A⁻¹).
+
+What remains is a broad posterior of few numbers, where the joint one is a thin curved sheet of many: the walkers of an
+ensemble sampler find their way in it by themselves. A density that the deviations would make negative somewhere is
+impossible: a draw of c that does so gives the place probability 0, which cuts the joint posterior and nothing else, for
+c was drawn from its own conditional density.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.models import Model
+from bayes_iwan.models.embedded_error import SLIP_NAMES
+from bayes_iwan.models.parameter import Z_LIMIT
+from bayes_iwan.models.series import least_factor
+
+
+@dataclass(frozen=True)
+class Marginal:
+    """A problem's posterior over the coordinates that walkers move in, the others integrated out where that is exact:
+    with the Iwan model's embedded error, no effects, a normal likelihood and normal priors of the deviations. Else all
+    coordinates are walked in."""
+
+    problem: Problem
+
+    @cached_property
+    def drawn(self) -> NDArray[np.int64]:
+        """Places in z of the deviations that are integrated out."""
+        p = self.problem
+        exact = isinstance(p.model, Model) and p.model.embedded and not p.effects and p.likelihood.normal
+        names = [n for n in SLIP_NAMES if exact and n in p.names and p.prior[n].normal]
+        tied = {q.tied for q in p.prior.parameters}
+        return np.array([p.names.index(n) for n in names if n not in tied], dtype=np.int64)
+
+    @cached_property
+    def walked(self) -> NDArray[np.int64]:
+        """Places in z of the others."""
+        return np.setdiff1d(np.arange(self.problem.ndim), self.drawn)
+
+    def __call__(self, x: Array, random: np.random.RandomState) -> Array:
+        """ln of the posterior at x (n, walked), and the deviations' z drawn given x: (n, 1 + drawn)."""
+        z = np.zeros((len(x), self.problem.ndim))
+        z[:, self.walked] = x
+        if len(self.drawn) == 0:
+            return self.problem.log_prob(z)[:, None]
+        log_prob, mean, root, ratio = self._integrated(z)
+        unit = random.standard_normal(mean.shape)
+        z[:, self.drawn] = mean + np.linalg.solve(root.transpose(0, 2, 1), unit[:, :, None])[:, :, 0]
+        values = self.problem.prior.values(z)
+        possible = least_factor(np.stack([values[n] for n in SLIP_NAMES], axis=1), ratio) >= 0.0
+        possible &= np.all(np.abs(z[:, self.drawn]) <= Z_LIMIT, axis=1)
+        return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], z[:, self.drawn]], axis=1)
+
+    @cached_property
+    def _scale(self) -> tuple[list[int], Array]:
+        """Which of the deviations are drawn, and their priors' standard deviations."""
+        p = self.problem
+        names = [p.names[i] for i in self.drawn]
+        return [0, *(1 + SLIP_NAMES.index(n) for n in names)], np.array([p.prior[n].prior.std() for n in names])
+
+    def _integrated(self, z: Array) -> tuple[Array, Array, Array, Array]:
+        """At z (n, ndim) with deviations 0: ln of the integral (n,); the mean (n, drawn) of their conditional density,
+        and the lower triangular root (n, drawn, drawn) of its inverse covariance A; the deviations' ratios."""
+        p, (chosen, scale) = self.problem, self._scale
+        values, count = p.parameter_values(z), len(scale)
+        with np.errstate(all="ignore"):
+            each, ratio = p.residual_and_slopes(values)
+            level = p.prior.log_density(z) + p.likelihood.log_likelihood(each[0], values)
+            repeated = {q.name: np.tile(values[q.name], count + 1) for q in p.likelihood.parameters}
+            rows = p.likelihood.rows(each[chosen].reshape(-1, *each.shape[2:]), repeated).reshape(count + 1, len(z), -1)
+        sound = np.isfinite(level) & np.isfinite(rows).all(axis=(0, 2))
+        rows[:, ~sound] = 0.0
+        h = rows[1:].transpose(1, 0, 2) * -scale[:, None]
+        root = np.linalg.cholesky(np.eye(count) + h @ h.transpose(0, 2, 1))
+        y = np.linalg.solve(root, h @ rows[0][:, :, None])
+        level += 0.5 * np.sum(y[:, :, 0] ** 2, axis=1) - np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
+        mean = np.linalg.solve(root.transpose(0, 2, 1), y)[:, :, 0]
+        return np.where(sound, level, -np.inf), mean, root, ratio

@@ -1,0 +1,132 @@
+"""Proposals learnt from draws of a warm-up, for emcee's Metropolis–Hastings move.
+
+For any user of emcee who has draws of a posterior, x (n, ndim), however few: each of these is a function that
+`emcee.moves.MHMove` takes, so that walkers stay independent of each other::
+
+    moves = [(MHMove(Mixture.fitted(x, 4, random)), 0.5), (MHMove(Differences(x)), 0.3), (MHMove(Snooker(x)), 0.2)]
+    sampler = emcee.EnsembleSampler(n_walkers, ndim, log_prob, moves=moves)
+
+They return new places and the logarithm of q(back) / q(forth), by which a step is accepted together with the ratio of
+the posterior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln, logsumexp
+
+from bayes_iwan.arrays import Array
+
+#: degrees of freedom of the mixture: tails heavier than the posterior's keep a walker from being stuck in them
+_NU = 12.0
+#: steps of expectation and maximisation, and the share of the whole covariance that each component's has at least: with
+#: few draws in many dimensions its own is too narrow somewhere
+_STEPS, _WHOLE = 40, 0.05
+#: lengths of steps along a difference over the usual one, at least; steps along the whole difference, which lead from
+#: mode to mode, have a share of their own
+_SHORTEST, _WHOLE_STEPS = 0.1, 0.1
+_SNOOKER = 1.7  # factor of the projected difference
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Steps along the difference of two known draws (n, ndim): differential evolution with a frozen archive (ter Braak
+    & Vrugt, Stat. Comput. 18, 2008, 435), of many lengths, which serves curved posteriors."""
+
+    known: Array
+
+    def __call__(self, x: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        n, ndim = x.shape
+        first, second = _two(len(self.known), n, random)
+        length = 2.38 / np.sqrt(2.0 * ndim) * np.exp(np.log(_SHORTEST) * random.random_sample(n))
+        length = np.where(random.random_sample(n) < _WHOLE_STEPS, 1.0, length)
+        return x + length[:, None] * (self.known[first] - self.known[second]), np.zeros(n)
+
+
+@dataclass(frozen=True)
+class Snooker:
+    """Steps along the line to a known draw, by the projected difference of two more (the same paper).
+
+    `emcee.moves.DESnookerMove` of 3.1.6 divides by the root of the line's length and halves the exponent, so that a
+    unit normal of 16 dimensions comes out with a variance of 0.57; this one is right.
+    """
+
+    known: Array
+
+    def __call__(self, x: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        n, ndim = x.shape
+        at = self.known[random.randint(len(self.known), size=n)]
+        first, second = _two(len(self.known), n, random)
+        length = np.linalg.norm(x - at, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a walker that stands at that draw has no line
+            unit = (x - at) / length[:, None]
+            step = _SNOOKER * np.sum(unit * (self.known[first] - self.known[second]), axis=1)
+            new = x + step[:, None] * unit
+            factor = (ndim - 1.0) * (np.log(np.linalg.norm(new - at, axis=1)) - np.log(length))
+        still = ~np.isfinite(factor)
+        new[still], factor[still] = x[still], 0.0
+        return new, factor
+
+
+def _two(of: int, n: int, random: np.random.RandomState) -> tuple[Array, Array]:
+    """Two different numbers below `of`, n times."""
+    first = random.randint(of, size=n)
+    return first, (first + random.randint(1, of, size=n)) % of
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Independent proposals from a mixture of t distributions: weights (k,), centres (k, ndim), lower triangular roots
+    (k, ndim, ndim) of their scales (Tierney, Ann. Stat. 22, 1994, 1701)."""
+
+    weights: Array
+    centres: Array
+    roots: Array
+
+    @classmethod
+    def fitted(cls, x: Array, components: int, random: np.random.RandomState) -> Mixture:
+        """To draws x (n, ndim), by expectation and maximisation of a normal mixture (Dempster, Laird & Rubin, J. R.
+        Stat. Soc. B 39, 1977, 1)."""
+        n, ndim = x.shape
+        whole = np.cov(x.T).reshape(ndim, ndim)
+        root = np.linalg.cholesky(whole + 1e-12 * np.trace(whole) / ndim * np.eye(ndim))
+        unit = np.linalg.solve(root, (x - x.mean(axis=0)).T).T
+        weights, centres = np.full(components, 1.0 / components), unit[random.choice(n, components, replace=False)]
+        scales = np.tile(np.eye(ndim), (components, 1, 1))
+        for _ in range(_STEPS):
+            level = _log_terms(unit, weights, centres, np.linalg.cholesky(scales), np.inf)
+            share = np.exp(level - logsumexp(level, axis=1, keepdims=True))
+            count = share.sum(axis=0) + 1e-9
+            weights, centres = count / count.sum(), share.T @ unit / count[:, None]
+            for k in range(components):
+                apart = unit - centres[k]
+                scales[k] = (1.0 - _WHOLE) * (apart.T * share[:, k]) @ apart / count[k] + _WHOLE * np.eye(ndim)
+        return cls(weights, x.mean(axis=0) + centres @ root.T, root @ np.linalg.cholesky(scales))
+
+    def __call__(self, x: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        new = self.draw(len(x), random)
+        return new, self.log_density(x) - self.log_density(new)
+
+    def draw(self, n: int, random: np.random.RandomState) -> Array:
+        """(n, ndim)"""
+        which = random.choice(len(self.weights), size=n, p=self.weights)
+        unit = random.standard_normal((n, self.centres.shape[1])) / np.sqrt(random.chisquare(_NU, n) / _NU)[:, None]
+        return np.asarray(self.centres[which] + np.einsum("nij,nj->ni", self.roots[which], unit))
+
+    def log_density(self, x: Array) -> Array:
+        """(n,) at x (n, ndim)."""
+        return np.asarray(logsumexp(_log_terms(x, self.weights, self.centres, self.roots, _NU), axis=1))
+
+
+def _log_terms(x: Array, weights: Array, centres: Array, roots: Array, nu: float) -> Array:
+    """ln of each component's part (n, k) of the density at x (n, ndim); nu infinite: normal."""
+    ndim = x.shape[1]
+    apart = np.moveaxis(x[None] - centres[:, None], 1, 2)
+    square = np.sum(np.linalg.solve(roots, apart) ** 2, axis=1).T
+    scale = np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
+    if np.isinf(nu):
+        return np.asarray(np.log(weights) - scale - 0.5 * ndim * np.log(2.0 * np.pi) - 0.5 * square)
+    norm = gammaln(0.5 * (nu + ndim)) - gammaln(0.5 * nu) - 0.5 * ndim * np.log(nu * np.pi)
+    return np.asarray(np.log(weights) - scale + norm - 0.5 * (nu + ndim) * np.log1p(square / nu))
