@@ -87,12 +87,9 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[type[Effect], ...]:
             missing.append("first_guess")
         if missing:
             raise EffectError(f"{path}: {effect.__name__} lacks {', '.join(missing)}")
-        if not (isinstance(effect.name, str) and effect.name.isidentifier()):
+        if not (isinstance(effect.name, str) and effect.name.isidentifier()):  # type: ignore[redundant-expr]
             raise EffectError(f"{path}: {effect.__name__}.name = {effect.name!r} must be one word, as a variable's")
-        if not (
-            isinstance(effect.strength, tuple)
-            and len(effect.strength) == 4
-            and all(isinstance(x, str) for x in effect.strength)
-        ):
+        said: object = effect.strength
+        if not (isinstance(said, tuple) and len(said) == 4 and all(isinstance(x, str) for x in said)):
             raise EffectError(f"{path}: {effect.__name__}.strength must be four texts: name, symbol, unit, description")
     return found

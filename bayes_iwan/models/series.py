@@ -16,6 +16,7 @@ from functools import cache
 import numba as nb
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.models.kernels.sliders import OCTAVES
@@ -53,7 +54,10 @@ def _distribution(coefficients: Array) -> tuple[Array, Array]:
 
 
 @_jit
-def _deviating_tables(tables, top, width, value, slope, deviates, same_mean, out, stretch):
+def _deviating_tables(
+    tables: Array, top: Array, width: Array, value: Array, slope: Array, deviates: NDArray[np.bool_], same_mean: bool,
+    out: Array, stretch: Array,
+) -> None:  # fmt: skip
     """Deviating tables into out: the deviating survival at the cells' ends and middles, integrated by Simpson's rule.
     If same_mean they are stretched to the mean that they had, by a factor (draws,) that is left in stretch.
 

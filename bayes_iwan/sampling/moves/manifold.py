@@ -225,7 +225,7 @@ class ManifoldMove(MetropolisMove):
 
 
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
-def _seen(tangent, rows, values):
+def _seen(tangent: Array, rows: NDArray[np.int64], values: Array) -> Array:
     """tangent[rows] @ values: (n, free) of tangents (…, free, m) and values (n, m), the tangents of some rows not
     copied, which would take longer than the product."""
     out = np.empty((len(rows), tangent.shape[1]))

@@ -80,7 +80,7 @@ class Candidates:
     log_ratio: Array
 
 
-class MetropolisMove(Move):
+class MetropolisMove(Move):  # type: ignore[misc]
     """A move in which each walker takes its own step and knows nothing of the others."""
 
     #: walkers stay independent of each other
