@@ -1,7 +1,7 @@
 """Which channels of a recording are the motion, the force and their times: as named, or found by unit and name."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.unit_texts import is_ratio, is_volts, may_be, role_of
+from bayes_iwan.campaign.importing.unit_texts import ROLES, is_ratio, is_volts, may_be, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.errors import nearest
 
@@ -89,8 +89,7 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
             free = [c for c in left if role_of(c.unit) is None and not named(c.name, "time")]
             among = _list(recording, left, numbers=not any(c.unit for c in free))
             questions.append(Question(f"--{role}", "", "NAME", f"No channel is known as {what} among {among}."))
-            if role not in recipe.units and role not in recipe.sensitivities:
-                questions += _unit_question(free, role)
+            questions += unit_asked(free, role, recipe)
     times: list[Channel | None] = [None, None]
     motion = found.get("displacement", found.get("acceleration"))
     both = [motion, found.get("force")]
@@ -111,19 +110,31 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
     )
 
 
-def _unit_question(free: list[Channel], role: str) -> list[Question]:
-    """What must be asked of a role's unit whichever of the free channels is named for it."""
-    if not free:
+def unit_asked(some: Sequence[Channel], role: str, recipe: Recipe) -> list[Question]:
+    """What must be asked of a role's unit, whichever of some channels it is: nothing where they need not be asked
+    alike."""
+    if role in recipe.sensitivities:
         return []
-    if all(is_volts(c.unit) for c in free):
-        return [Question("--sensitivity", role, TRANSDUCER[role], f"The {role} is in volts: of what transducer?")]
-    if all(is_ratio(c.unit) for c in free):
-        return [
-            Question("--unit", role, "50 mm", f"{free[0].name!r} is a ratio: of what length is it, if it is meant?")
-        ]
-    if not any(c.unit for c in free):
-        return [Question("--unit", role, "UNIT", f"The unit of the {role} is not stated.")]
-    return []
+    asked = []
+    for unit in (recipe.units.get(role, c.unit) for c in some):
+        text = f"{some[0].name!r} ({role})" if len(some) == 1 else f"The {role}"
+        if not unit:
+            asked.append(
+                Question("--unit", role, "UNIT", f"{text} states no unit ({', '.join(ROLES[role])} or another).")
+            )
+        elif is_volts(unit):
+            option, value, what = "--sensitivity", TRANSDUCER[role], "of what transducer?"
+            if "/" in unit:
+                option, value, what = "--unit", "50 N", f"a bridge's ratio: what load is 1 {unit}?"
+            asked.append(Question(option, role, value, f"{text} is in {unit}: {what}"))
+        elif is_ratio(unit):
+            what = "say the length that it is of (50 mm for samples in mm/mm, gauge 50 mm)"
+            asked.append(Question("--unit", role, "50 mm", f"{text} is in {unit}, a ratio and no {role}: {what}."))
+        elif role not in recipe.units and not may_be(unit, role):
+            asked.append(Question("--unit", role, "UNIT", f"{text} is in {unit}: what is a sample of 1?"))
+        else:
+            return []
+    return asked[:1] if len({(q.option, q.placeholder) for q in asked}) == 1 else []
 
 
 def is_time(channel: Channel) -> bool:

@@ -6,6 +6,7 @@ from functools import cache, lru_cache
 from typing import Any
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 #: role → working unit of a campaign → the same for pint. An angle has no dimension: it is known by its unit's name
@@ -16,7 +17,15 @@ ROLES: dict[str, dict[str, str]] = {
     "force": {"N": "newton", "N·m": "newton*meter", "kPa": "kilopascal"},
 }
 #: of channels that are not used: so that a row of units is known for one
-_OTHER = ("volt", "ampere", "kelvin", "hertz", "coulomb", "meter/second", "ohm")
+_OTHER = ("volt", "ampere", "kelvin", "hertz", "coulomb", "meter/second", "ohm", "count")
+#: of the thousand units of pint those that recorders write, by its names: others are words and letters in a heading
+_UNITS = frozenset(
+    "meter inch foot thou micron degree radian arcminute arcsecond turn second minute hour day newton force_pound "
+    "kip force_kilogram force_gram force_metric_ton force_ounce pascal bar pound_force_per_square_inch torr meter_Hg "
+    "kip_per_square_inch standard_atmosphere standard_gravity galileo volt ampere kelvin hertz ohm coulomb joule watt "
+    "gram count".split()
+)
+_PREFIXES = {"", "pico", "nano", "micro", "milli", "centi", "deca", "hecto", "kilo", "mega", "giga"}
 _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "revolution")
 _WORDS = {
     "°": "deg", "grad": "deg", "degrees": "deg", "degree": "deg", "umdr": "turn",
@@ -26,6 +35,7 @@ _WORDS = {
     "sekunden": "s", "secondes": "s", '"': "inch", "volts": "V", "m/s/s": "m/s**2", "gee": "g_0", "gn": "g_0",
     "mil": "thou", "mils": "thou", "kg-f": "kgf", "lb-f": "lbf", "mp": "tf", "gees": "g_0", "g's": "g_0",
     "mikrometer": "um", "kg.f": "kgf", "millisekunden": "ms", "minuten": "min", "stunden": "hour", "std": "hour",
+    "cycle": "count", "cycles": "count",
     "ft-lb": "foot*lbf", "in-lb": "inch*lbf", "lb-in": "inch*lbf", "lb-ft": "foot*lbf", "lbf-in": "inch*lbf",
     "мм": "mm", "см": "cm", "м": "m", "мкм": "um", "н": "N", "кн": "kN", "дан": "daN", "кгс": "kgf", "тс": "tf",
     "н*м": "N*m", "кн*м": "kN*m", "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "мин": "min", "в": "V", "мв": "mV",
@@ -44,10 +54,10 @@ _UPPER = {
     "MM/S2": "mm/s**2", "MM/S^2": "mm/s**2", "M/S": "m/s", "MM/S": "mm/s", "HZ": "Hz",
 }  # fmt: skip
 _RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
-#: units that stand after a blank or a comma ("Force, N"): others are more often words
+#: units that stand without brackets behind a name that says no role ("CH1 N", CH1_N): others are more often words
 _BARE = {
-    "mm", "um", "µm", "in", "inch", "N", "kN", "lbf", "s", "ms", "sec", "g",
-    "deg", "rad", "Nm", "kPa", "MPa", "bar", "psi",
+    "mm", "um", "µm", "in", "inch", "N", "kN", "lbf", "s", "ms", "sec", "g", "m", "mN", "kip", "kgf", "us",
+    "deg", "rad", "mrad", "Nm", "N*m", "kPa", "MPa", "bar", "psi", "V", "mV", "m/s2", "mm/s2", "rad/s2", "deg/s2",
 }  # fmt: skip
 _WIDE = str.maketrans("（）［］／，：", "()[]/,:")  # signs as wide as a Chinese character
 _RATES = {"mm": "mm/s", "m": "m/s", "in": "in/s", "um": "um/s", "rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s"}
@@ -88,7 +98,7 @@ def _spelt(text: str, role: str) -> str:
     text = unicodedata.normalize("NFKC", text).strip().strip("[](){}<>").strip()
     text = text.replace("·", "*").replace("⋅", "*").replace("−", "-").removesuffix(".")
     text = _UPPER.get(text, text)
-    if text.lower() in _WORDS and text not in ("mN", "nm", "Mnm"):
+    if text.lower() in _WORDS and text != "Mnm" and (role == "force" or text != "nm"):
         text = _WORDS[text.lower()]
     text = text.replace("μ", "u").replace("°", "deg")
     text = re.sub(r"(?<=[A-Za-z])\.(?=[A-Za-z])", "*", text)  # N.m
@@ -112,9 +122,15 @@ def _quantity(text: str, role: str) -> Any:
     registry = _registry()
     for text in (spelt, spelt.lower()):  # Newton, Millimeter
         try:
-            return registry.Quantity(text)
+            found = registry.Quantity(text)
         except Exception:  # pint's parser raises errors of many kinds, Python's own syntax errors among them
             continue
+        parts = [
+            {p + u for p, u, _ in registry.parse_unit_name(name) if p in _PREFIXES and u in _UNITS}
+            for name, _ in found.unit_items()
+        ]
+        if all(parts):
+            return found
     return None
 
 
@@ -138,9 +154,12 @@ def role_of(unit: str) -> str | None:
 
 @lru_cache(10_000)
 def may_be(unit: str, role: str) -> bool:
-    """Whether a unit can be one of a role: g is an acceleration, and of a load cell a force."""
+    """Whether a unit can be one of a role: g is an acceleration, and of a load cell a force. "100 N" is none: a range,
+    or what a sample of 1 means."""
     found = _quantity(unit, role)
-    return found is not None and _working(found, role) is not None and "joule" not in str(found.units)  # no torque
+    if found is None or found.magnitude != 1 or "joule" in str(found.units):  # an energy is no torque
+        return False
+    return _working(found, role) is not None
 
 
 @lru_cache(10_000)
@@ -186,24 +205,24 @@ def split_name(name: str) -> tuple[str, str]:
             return f"{name[: within.start()]} {name[within.end() :]}".strip(), within[1].strip()
     for pattern in (r"(.+?)\s+in\s+(\S+)", r"(.+?)\s*/\s*(\S+)", r"(.+?)\s*[,:]\s*(\S+)", r"(.+?)\s+(?:-\s+)?(\S+)"):
         found = re.fullmatch(pattern, name)
-        bare = pattern.startswith((r"(.+?)\s*[", r"(.+?)\s+(?"))
-        if (
-            found
-            and found[2][0] not in "(["
-            and (_WORDS.get(found[2].lower(), found[2]) in _BARE if bare else _is_word_unit(found[2]))
-        ):
+        if found and (_bare(found[1], found[2]) if "[" in pattern or "-" in pattern else _is_word_unit(found[2])):
             return found[1].strip(), found[2].strip()
     parts = name.split("_")
     if len(parts) > 2 and parts[-1] == "s" and parts[-2] in _RATES:
         return "_".join(parts[:-2]), _RATES[parts[-2]]  # a velocity, no time
     for k in range(max(1, len(parts) - 3), len(parts)):
-        unit = "_".join(parts[k:])
-        spelt = {"m_s2": "m/s2", "mm_s2": "mm/s2", "rad_s2": "rad/s2", "deg_s2": "deg/s2"}.get(
-            unit, unit.replace("_", "*")
-        )
-        if role_of(spelt) or spelt in ("V", "mV"):
-            return "_".join(parts[:k]), spelt
+        stem, unit = "_".join(parts[:k]), "_".join(parts[k:])
+        spelt = f"{unit[:-3]}/s2" if unit.endswith("_s2") else unit.replace("_", "*")
+        if _bare(stem, spelt):
+            return stem, spelt
     return name, ""
+
+
+def _bare(stem: str, unit: str) -> bool:
+    """Whether what stands without brackets behind a name is its unit: of a role that the name says, or a usual one."""
+    roles = [role for role in WORDS if named(stem, role)]
+    usual = any(may_be(unit, role) for role in roles) if roles else _WORDS.get(unit.lower(), unit) in _BARE
+    return usual or is_volts(unit)
 
 
 def _is_word_unit(text: str) -> bool:

@@ -14,18 +14,16 @@ from bayes_iwan.campaign.importing.formats.stamps import seconds
 from bayes_iwan.campaign.importing.recordings import Recording, channel
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
-_END = "***End_of_Header***"
+END_OF_HEADER = "***End_of_Header***"
 
 
 def read_lvm(file: str, text: str) -> list[Recording]:
     """One recording a segment, of the text of a .lvm file."""
     lines = text.split("\n")
-    ends = [k for k, line in enumerate(lines) if line.startswith(_END)]
+    ends = [k for k, line in enumerate(lines) if line.startswith(END_OF_HEADER)]
     head = dict(line.partition("\t" if "\t" in line else ",")[::2] for line in lines[: (ends or [0])[0]])
     head = {k.strip(): v.strip() for k, v in head.items()}
     separator = "," if head.get("Separator", "Tab").lower().startswith((",", "comma")) else "\t"
-    if len(ends) < 2:
-        raise CampaignError(f"{file}: a LabVIEW file without a segment of data; write it again with headers")
     out = []
     for number, end in enumerate(ends[1:], 1):
         stop = next(

@@ -12,7 +12,7 @@ import pandas as pd
 from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
-from bayes_iwan.campaign.importing.formats.lvm import read_lvm
+from bayes_iwan.campaign.importing.formats.lvm import END_OF_HEADER, read_lvm
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
     MISSING,
@@ -25,6 +25,7 @@ from bayes_iwan.campaign.importing.formats.text_layout import (
     labelled,
     names_and_units,
     range_passed,
+    words_of_roles,
 )
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording
 from bayes_iwan.campaign.importing.unit_texts import contradict, is_unit, role_of, split_name
@@ -39,7 +40,7 @@ SIDE = 0.9  # of a column's cells empty: remarks beside the table, not a signal
 def read_text(path: Path, file: str, layout: Layout) -> list[Recording]:
     """The tables of a text file. Raises CampaignError naming the line and how to fix it."""
     text, encoding = decoded(file, read_bytes(path, file), layout.encoding)
-    if text.startswith("LabVIEW Measurement"):
+    if text.startswith("LabVIEW Measurement") and text.count(END_OF_HEADER) > 1:
         return read_lvm(file, text)
     return _read(file, plain_rows(text), layout, "", encoding)
 
@@ -207,16 +208,14 @@ def _words(cell: object) -> bool:
 def _has_header(body: str, style: Style) -> bool:
     """Whether a line of names stands within the numbers: two texts or more, and no number."""
     for line in body.split("\n"):
-        if line[:1] and (line[:1] in "0123456789+-.," or line[:1].isspace()) and not line.lstrip()[:1].isalpha():
-            continue
-        if _is_header(style.cells(line), style):
+        if re.search(r"[^\W\d_]{2}", line) and _is_header(style.cells(line), style):
             return True
     return False
 
 
 def _is_header(cells: list[str], style: Style) -> bool:
     words = [c for c in cells if re.search(r"[^\W\d_]", c)]
-    return len(words) > 1 and not any(style.is_number(c) for c in cells)
+    return len(words) > 1 and (words_of_roles(cells) > 1 or not any(style.is_number(c) for c in cells))
 
 
 def _blocks(file: str, lines: list[str], style: Style, width: int, first: int) -> list[tuple[int, int, list[str]]]:

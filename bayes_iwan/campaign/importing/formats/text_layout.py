@@ -214,6 +214,13 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
                     at = {k for k, cells in enumerate(rows) if good[k] and len(cells) == width}
                     runs = ([k for k in sorted(at) if at.issuperset(range(k, k + n))] for n in (FEWEST_SAMPLES, 3, 1))
                     first = next(some[0] for some in runs if some)  # not numbers among names
+                    full = [k for k, c in enumerate(rows[max(at)]) if style.is_number(c)]
+                    while (
+                        first
+                        and len(rows[first - 1]) == width
+                        and all(style.is_number(rows[first - 1][k]) for k in full)
+                    ):  # remarks beside numbers
+                        first -= 1
                     best = (len(fit), sum(fit), style, first, width)
     if best is None or best[0] < 2:
         raise CampaignError(
@@ -253,7 +260,7 @@ def _may_be_thousands(style: Style, lines: list[str]) -> str:
 def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[str], list[str]]:
     """Names and units of the columns, from the lines above the numbers; empty where there are none."""
     names, units = (labelled(lines, style, width, x) for x in (_NAMES, _UNITS))
-    if any(names) and (any(units) or _words(names)):
+    if any(names) and (any(units) or words_of_roles(names)):
         return names, _bare(units)
     fitting: list[list[str]] = []
     for line in reversed([line for line in lines if line.strip()]):
@@ -274,7 +281,7 @@ def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[st
     if len(fitting) > 1 and are_units[0]:
         return _filled(fitting[1:]), _bare(fitting[0])
     if len(fitting) > 1 and are_units[1]:  # units above names, or a row of remarks below them
-        return max([fitting[0], *fitting[2:3]], key=_words), _bare(fitting[1])
+        return max([fitting[0], *fitting[2:3]], key=words_of_roles), _bare(fitting[1])
     return _filled(fitting), (fitting[0] if are_units[0] else [])
 
 
@@ -283,7 +290,7 @@ def _filled(rows: Sequence[Sequence[str]]) -> list[str]:
     return [next((row[k] for row in rows if k < len(row) and row[k]), "") for k in range(len(rows[0]))]
 
 
-def _words(cells: Sequence[str]) -> int:
+def words_of_roles(cells: Sequence[str]) -> int:
     """How many cells say by a word what their channels are."""
     return sum(any(named(cell, role) for role in WORDS) for cell in cells)
 
