@@ -24,7 +24,7 @@ LATE = 0.5  # of a record by which one of two clocks may be late and still be it
 #: what has the unit of a motion or a force and is no measurement of it: never taken unless it is named
 _NOT_MEASURED = re.compile(
     r"(?<![^\W_])(error|err|fehler|abweichung|deviation|écart|command|cmd|commanded|setpoint|set[ _-]point|soll|"
-    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse)(?![^\W\d_])",
+    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse|normal|normalkraft|preload)(?![^\W\d_])",
     re.IGNORECASE,
 )
 

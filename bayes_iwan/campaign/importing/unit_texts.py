@@ -27,31 +27,20 @@ _UNITS = frozenset(
 )
 _PREFIXES = {"", "pico", "nano", "micro", "milli", "centi", "deca", "hecto", "kilo", "mega", "giga"}
 _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "revolution")
+#: what pint does not know, as it stands or in lower case
 _WORDS = {
-    "°": "deg", "grad": "deg", "degrees": "deg", "degree": "deg", "umdr": "turn",
-    "nm": "N*m", "knm": "kN*m", "mnm": "mN*m", "ncm": "N*cm", "nmm": "N*mm",
-    "lb": "lbf", "lbs": "lbf", "kg": "kgf", "kgs": "kgf",
-    "kp": "kgf", "kips": "kip", "newtons": "N", "sec": "s", "secs": "s", "sek": "s",
-    "sekunden": "s", "secondes": "s", '"': "inch", "volts": "V", "m/s/s": "m/s**2", "gee": "g_0", "gn": "g_0",
-    "mil": "thou", "mils": "thou", "kg-f": "kgf", "lb-f": "lbf", "mp": "tf", "gees": "g_0", "g's": "g_0",
-    "mikrometer": "um", "kg.f": "kgf", "millisekunden": "ms", "minuten": "min", "stunden": "hour", "std": "hour",
-    "cycle": "count", "cycles": "count",
-    "ft-lb": "foot*lbf", "in-lb": "inch*lbf", "lb-in": "inch*lbf", "lb-ft": "foot*lbf", "lbf-in": "inch*lbf",
+    "Nm": "N*m", "NM": "N*m", "mNm": "mN*m", "MNm": "MN*m", "MPA": "MPa", "Mpa": "MPa", "MV": "mV", "Mm": "mm",
+    "Ms": "ms", "Min": "min", "kn": "kN", "dan": "daN", "pa": "Pa", "kpa": "kPa", "hz": "Hz", "n-m": "N*m",
+    "kn-m": "kN*m", "knm": "kN*m", "ncm": "N*cm", "nmm": "N*mm", "lb": "lbf", "lbs": "lbf", "kg": "kgf", "kgs": "kgf",
+    "kp": "kgf", "mp": "tf", "kg-f": "kgf", "kg.f": "kgf", "lb-f": "lbf", "gn": "g_0", "gee": "g_0", "gees": "g_0",
+    "g's": "g_0", "grad": "deg", "umdr": "turn", "cycle": "count", "cycles": "count", '"': "inch", "mil": "thou",
+    "mils": "thou", "mikrometer": "um", "sek": "s", "sekunden": "s", "secondes": "s", "millisekunden": "ms",
+    "minuten": "min", "stunden": "hour", "std": "hour", "°c": "kelvin", "degc": "kelvin",
+    "ft-lb": "foot*lbf", "lb-ft": "foot*lbf", "ft-lbf": "foot*lbf", "lbf-ft": "foot*lbf",
+    "in-lb": "inch*lbf", "lb-in": "inch*lbf", "in-lbf": "inch*lbf", "lbf-in": "inch*lbf",
     "мм": "mm", "см": "cm", "м": "m", "мкм": "um", "н": "N", "кн": "kN", "дан": "daN", "кгс": "kgf", "тс": "tf",
     "н*м": "N*m", "кн*м": "kN*m", "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "мин": "min", "в": "V", "мв": "mV",
     "град": "deg", "м/с2": "m/s**2", "毫米": "mm", "微米": "um", "秒": "s", "毫秒": "ms", "牛": "N", "千牛": "kN",
-    "in-lbf": "inch*lbf", "ft-lbf": "foot*lbf", "lbf-ft": "foot*lbf", "°c": "kelvin", "degc": "kelvin",
-}  # fmt: skip
-
-
-#: upper-case headings, where letters no longer say which prefix is meant: what pint would take for other units
-_UPPER = {
-    "MM": "mm", "CM": "cm", "M": "m", "UM": "um", "IN": "inch", "KN": "kN", "LBF": "lbf", "KIP": "kip", "KIPS": "kip",
-    "KGF": "kgf", "DAN": "daN", "SEC": "s", "SECS": "s", "S": "s", "MS": "ms", "MSEC": "ms", "US": "us", "USEC": "us",
-    "KPA": "kPa", "MPA": "MPa", "PA": "Pa", "BAR": "bar", "PSI": "psi", "DEG": "deg", "RAD": "rad", "MRAD": "mrad",
-    "MV": "mV", "NM": "N*m", "KNM": "kN*m", "N-M": "N*m", "KN-M": "kN*m", "M/S2": "m/s**2", "M/S^2": "m/s**2",
-    "Mm": "mm", "Cm": "cm", "Um": "um", "Min": "min", "Ms": "ms", "Kn": "kN", "kn": "kN", "Kpa": "kPa", "Mpa": "MPa",
-    "MM/S2": "mm/s**2", "MM/S^2": "mm/s**2", "M/S": "m/s", "MM/S": "mm/s", "HZ": "Hz",
 }  # fmt: skip
 _RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
 #: units that stand without brackets behind a name that says no role ("CH1 N", CH1_N): others are more often words
@@ -97,9 +86,7 @@ def _spelt(text: str, role: str) -> str:
     text = re.sub("[⁻¹²³]+", r"^\g<0>", text)
     text = unicodedata.normalize("NFKC", text).strip().strip("[](){}<>").strip()
     text = text.replace("·", "*").replace("⋅", "*").replace("−", "-").removesuffix(".")
-    text = _UPPER.get(text, text)
-    if text.lower() in _WORDS and text != "Mnm" and (role == "force" or text != "nm"):
-        text = _WORDS[text.lower()]
+    text = _WORDS.get(text) or _WORDS.get(text.lower(), text)
     text = text.replace("μ", "u").replace("°", "deg")
     text = re.sub(r"(?<=[A-Za-z])\.(?=[A-Za-z])", "*", text)  # N.m
     text = re.sub(r"(?<![A-Za-z])(lb)(?![A-Za-z])", "lbf", text)
@@ -107,7 +94,7 @@ def _spelt(text: str, role: str) -> str:
     if role == "acceleration":
         text = re.sub(r"(?<![A-Za-z_])(m?)[gG](?![A-Za-z_])", r"\1g_0", text)
     elif role == "force":
-        text = "gf" if text == "g" else text
+        text = {"g": "gf", "nm": "N*m"}.get(text, text)
     return text
 
 

@@ -31,7 +31,7 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
             f"{source.name}: {k} = {v}"
             for _, source in sources
             for k, v in source.properties.items()
-            if "Scale[" not in k
+            if "Scale[" not in k and not k.startswith("wf_")
         )
         clock = _starts([source.properties for _, source in sources])
         groups: dict[str, list[Channel]] = {}

@@ -40,8 +40,8 @@ ENCODINGS = (
 NO_TEXT = "no text, and no format that is known by its first bytes; export it as CSV, MAT, TDMS, UFF 58 or Parquet"
 LONGEST_WORD, MOST_WORDS = 40, 200
 #: labels at the head of a row above the table that has a cell for each channel
-_NAMES = re.compile(r"(?:channel|trace|ch|kanal|long|測定ch)[ _-]?(?:names?|名称)|names?", re.IGNORECASE)
-_UNITS = re.compile(r"(?:v|y|ch\w*)?[ _-]?units?|einheit(?:en)?|unit[ée]s?|単位|单位", re.IGNORECASE)
+_NAMES = re.compile(r"(?:channel|trace|ch|kanal|long|測定ch)[ _-]?(?:names?|名称)|names?|waveform", re.IGNORECASE)
+_UNITS = re.compile(r"(?:v|y|ch\w*)?[ _-]?(?:units?|einheit(?:en)?)|unit[ée]s?|単位|单位", re.IGNORECASE)
 _OUTSIDE = re.compile(r",(?![^()\[\]]*[)\]])")  # a comma, and not within brackets
 
 
