@@ -77,9 +77,8 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
         if len(some) == 1:
             found[role] = some[0]
         elif some:
-            questions.append(
-                Question(f"--{role}", "", "NAME", f"Which channel is the {role}: {_list(recording, some)}?")
-            )
+            which = f"Which channel is the {role}: {_list(recording, some)}?"
+            questions += [Question(f"--{role}", "", "NAME", which), *unit_asked(some, role, recipe)]
     for role in ("force", "displacement"):
         missing = role not in found and not candidates.get(role)
         if role == "displacement":

@@ -70,8 +70,8 @@ def _segment(
 
     if other := [x for place in range(len(columns)) if (x := of("X_Dimension", place)) not in ("", "Time")]:
         raise CampaignError(f"{file} segment {number}: X is {shown(other[0])}, no time; write time histories")
-    clocks = [of("Time", place) for place in range(len(columns))]
-    began = seconds(clocks) if clocks and all(clocks) else None
+    clocks, dates = ([of(key, place) for place in range(len(columns))] for key in ("Time", "Date"))
+    began = seconds(clocks, dates if all(dates) else None) if clocks and all(clocks) else None
     if began is not None and began[0].any() and own_x == "One":
         own_x = "No"  # one column of times from each channel's own start: these say when each sample was taken
     channels = []
@@ -88,6 +88,6 @@ def _segment(
         offset = float(began[0][place]) if began is not None else 0.0
         rate = 1 / step if step and step > 0 else None
         channels.append(channel(names[k], of("Y_Unit_Label", place), y, rate, start + offset, group))
-    return Recording(
-        file, f"segment {number}", tuple(c for c in channels if c is not None), (f"LabVIEW, segment {number}",)
-    )
+    kept = tuple(c for c in channels if c is not None)
+    note = f"LabVIEW, segment {number}"
+    return Recording(file, f"segment {number}", kept, (note,), began_s=None if began is None else began[2])

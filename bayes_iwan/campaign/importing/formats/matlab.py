@@ -17,12 +17,13 @@ import numpy as np
 from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
+from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
 DEEPEST = 20  # of structs and cells within each other
-LATEST_S = 1e5  # what is more is a date, of which no unit is known
+LATEST_S = 1e5  # what is more is a date: in seconds since 1970, or of no unit that is known
 PACKED = {"scale_factor": 1, "add_offset": 0}  # by which the conventions of netCDF pack numbers, with their neutrals
 LABELS = {"name", "label", "title", "unit", "units", "signalname"}
 Said = TypeVar("Said", float, str)
@@ -202,7 +203,9 @@ def _recordings(
     rate = None
     numbers = {k: float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1}
     own_rates = {k: r for k, x in numbers.items() if (r := stated_rate([f"{_leaf(k)} = {x!r}"]))}
-    starts = {k: x for k, x in numbers.items() if STARTS.fullmatch(_leaf(k)) and "." in k and abs(x) < LATEST_S}
+    starts = {k: x for k, x in numbers.items() if STARTS.fullmatch(_leaf(k)) and "." in k}
+    starts = {k: x for k, x in starts.items() if abs(x) < LATEST_S or YEARS_S[0] < x < YEARS_S[1]}
+    began = x if (x := min(starts.values(), default=0.0)) > LATEST_S else None
     vectors = [k for k, v in arrays if np.size(v) > 1]
     rates = list(own_rates.values())
     if len({round(np.log(x), 9) for x in rates}) == 1:
@@ -217,6 +220,7 @@ def _recordings(
         if values.ndim == 1:
             alone = sum(k.partition(".")[0] == name.partition(".")[0] for k in vectors) == 1
             own, start = (_beside(x, name, group, alone) for x in (own_rates, starts))
+            start = start and start - (began or 0.0)
             called = names.get(name) or name
             channels.append(channel(called, units.get(name, ""), values, own or rate, start, group))
         elif values.ndim == 2:
@@ -229,7 +233,7 @@ def _recordings(
     said = not_applied(
         [*(f"{k} = {x:g}" for k, x in numbers.items() if k not in starts), *map(" = ".join, texts.items())]
     )
-    return [replace(x, warnings=said) for x in _parts(file, kept, what)]
+    return [replace(x, warnings=said, began_s=began) for x in _parts(file, kept, what)]
 
 
 def _beside(numbers: Mapping[str, Said], name: str, group: str, alone: bool) -> Said | None:

@@ -277,11 +277,12 @@ def _recording(
         channels[k] = Channel(
             name or f"column {k + 1}", unit, values, 1 / own if own > 0 else None, starts.get(k), heading=heading
         )
+    began = next((x[2] for k, v in labels.items() if STARTS.fullmatch(k) and "." in v and (x := seconds([v]))), None)
     if not any(role_of(c.unit) == "time" for c in channels.values()):
-        clocks, said = _clocks({k: table[k] for k in used if k not in numeric}, names)
-        channels, notes = channels | clocks, (*notes, *said)
+        clocks, said, first = _clocks({k: table[k] for k in used if k not in numeric}, names)
+        channels, notes, began = channels | clocks, (*notes, *said), first if clocks else began
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
-    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside]))
+    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside]), began)
 
 
 def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:
@@ -292,14 +293,15 @@ def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:
     return found if stamps is None else {k: float(x) for k, x in zip(there, stamps[0])}
 
 
-def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...]]:
-    """The times that columns of text hold, by column, all from the first one's first stamp, and what was done to them:
-    times of day, with a column of dates beside them or without."""
+def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...], float]:
+    """The times that columns of text hold, by column, all from the first one's first stamp, what was done to them, and
+    that stamp: times of day, with a column of dates beside them or without."""
     texts = {k: c for k, c in columns.items() if c.dropna().map(lambda x: isinstance(x, str)).all()}
     dated = {k: c for k, c in texts.items() if c.dropna().map(is_date).all()}
     clocks: dict[int, Channel] = {}
     notes: list[str] = []
     origin: tuple[list[str], list[str] | None] | None = None
+    began = 0.0
     for k, column in texts.items():
         if k in dated:
             continue
@@ -314,10 +316,11 @@ def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, 
             continue
         time = np.full(len(column), np.nan)
         time[there.to_numpy()] = found[0][1:]
+        began = began if clocks else found[2]
         clocks[k] = Channel(names[k] or "time", "s", time, heading=names[k])
         if found[1]:
             notes.append(f"{names[k] or 'time'}: {found[1]}")
-    return clocks, tuple(notes)
+    return clocks, tuple(notes), began
 
 
 def _labels(lines: Sequence[str]) -> dict[str, str]:
