@@ -30,17 +30,15 @@ _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "revolution")
 #: what pint does not know, as it stands or in lower case
 _WORDS = {
     "Nm": "N*m", "NM": "N*m", "mNm": "mN*m", "MNm": "MN*m", "MPA": "MPa", "Mpa": "MPa", "MV": "mV", "Mm": "mm",
-    "Ms": "ms", "Min": "min", "kn": "kN", "dan": "daN", "pa": "Pa", "kpa": "kPa", "hz": "Hz", "n-m": "N*m",
-    "kn-m": "kN*m", "knm": "kN*m", "ncm": "N*cm", "nmm": "N*mm", "lb": "lbf", "lbs": "lbf", "kg": "kgf", "kgs": "kgf",
-    "kp": "kgf", "mp": "tf", "kg-f": "kgf", "kg.f": "kgf", "lb-f": "lbf", "gn": "g_0", "gee": "g_0", "gees": "g_0",
-    "g's": "g_0", "grad": "deg", "umdr": "turn", "cycle": "count", "cycles": "count", '"': "inch", "mil": "thou",
-    "mils": "thou", "mikrometer": "um", "sek": "s", "sekunden": "s", "secondes": "s", "millisekunden": "ms",
-    "minuten": "min", "stunden": "hour", "std": "hour", "°c": "kelvin", "degc": "kelvin",
-    "ft-lb": "foot*lbf", "lb-ft": "foot*lbf", "ft-lbf": "foot*lbf", "lbf-ft": "foot*lbf",
-    "in-lb": "inch*lbf", "lb-in": "inch*lbf", "in-lbf": "inch*lbf", "lbf-in": "inch*lbf",
+    "Ms": "ms", "Min": "min", "kn": "kN", "dan": "daN", "pa": "Pa", "kpa": "kPa", "hz": "Hz", "knm": "kN*m",
+    "ncm": "N*cm", "nmm": "N*mm", "lb": "lbf", "lbs": "lbf", "pounds": "lbf", "oz": "ozf", "in": "inch", "kg": "kgf",
+    "kgs": "kgf", "kp": "kgf", "mp": "tf", "kg-f": "kgf", "kg.f": "kgf", "lb-f": "lbf", "gn": "g_0", "gee": "g_0",
+    "gees": "g_0", "g's": "g_0", "grad": "deg", "umdr": "turn", "cycle": "count", "cycles": "count", '"': "inch",
+    "mil": "thou", "mils": "thou", "mikrometer": "um", "sek": "s", "sekunden": "s", "secondes": "s",
+    "millisekunden": "ms", "minuten": "min", "stunden": "hour", "std": "hour", "°c": "kelvin", "degc": "kelvin",
     "мм": "mm", "см": "cm", "м": "m", "мкм": "um", "н": "N", "кн": "kN", "дан": "daN", "кгс": "kgf", "тс": "tf",
-    "н*м": "N*m", "кн*м": "kN*m", "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "мин": "min", "в": "V", "мв": "mV",
-    "град": "deg", "м/с2": "m/s**2", "毫米": "mm", "微米": "um", "秒": "s", "毫秒": "ms", "牛": "N", "千牛": "kN",
+    "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "мин": "min", "в": "V", "мв": "mV", "град": "deg", "м/с2": "m/s**2",
+    "毫米": "mm", "微米": "um", "秒": "s", "毫秒": "ms", "牛": "N", "千牛": "kN",
 }  # fmt: skip
 _RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
 #: units that stand without brackets behind a name that says no role ("CH1 N", CH1_N): others are more often words
@@ -83,12 +81,13 @@ _POWER = re.compile(r"(?<=[A-Za-z])\s*\*\*\s*[+-]?\d(?![\d.eE]|\s*\*\*)")
 
 def _spelt(text: str, role: str) -> str:
     """A unit's text in pint's spelling; g is gravity for an acceleration, in as much as it stands alone."""
-    text = re.sub("[⁻¹²³]+", r"^\g<0>", text)
+    text = re.sub("[⁻¹²³]+", r"^\g<0>", text.replace("º", "°"))
     text = unicodedata.normalize("NFKC", text).strip().strip("[](){}<>").strip()
     text = text.replace("·", "*").replace("⋅", "*").replace("−", "-").removesuffix(".")
-    text = _WORDS.get(text) or _WORDS.get(text.lower(), text)
+    if text.lower() not in _WORDS:  # N.m, in-lb
+        text = re.sub(r"(?<=[^\W\d_])[.-](?=[^\W\d_])", "*", text)
+    text = "*".join(_WORDS.get(x) or _WORDS.get(x.lower(), x) for x in text.split("*"))
     text = text.replace("μ", "u").replace("°", "deg")
-    text = re.sub(r"(?<=[A-Za-z])\.(?=[A-Za-z])", "*", text)  # N.m
     text = re.sub(r"(?<![A-Za-z])(lb)(?![A-Za-z])", "lbf", text)
     text = re.sub(r"(?<=[A-Za-z])(?<!\d[eE])(-?[23]|-1)(?![\d.])", r"**\1", text.replace("^", "**"))  # m/s2, m s-2
     if role == "acceleration":
