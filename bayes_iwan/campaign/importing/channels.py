@@ -103,7 +103,7 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
                 questions.append(Question("--time", "", "NAME", _WHICH.format(_list(recording, here))))
             times[k] = here[0] if here else None
     if questions or motion is None or both[1] is None:
-        return questions
+        return questions + [q for role, channel in found.items() for q in unit_asked([channel], role, recipe)]
     return Assigned(
         "displacement" if "displacement" in found else "acceleration", motion, both[1], times[0], times[1], tuple(notes)
     )

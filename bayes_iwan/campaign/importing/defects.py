@@ -28,7 +28,7 @@ _FACTOR = re.compile(
     r"(?<![^\W_])(gain|factor|multiplier|faktor|verstärkung|sensitivity|empfindlichkeit|sensibilit[ée])(?![^\W\d_])|"
     r"(?<!vertical )(?<![^\W_])(offset|resolution|auflösung)(?![^\W\d_])(?!.*\bbits?\b)|"
     r"(?<!vertical )(?<!horizontal )(?<![^\W_])(scal(e|ing)|slope|lsb|calibration|conversion|skalierung)"
-    r"\W*[=:,;\t] *[\d.]+(e[+-]?\d+)? *$",
+    r"\W*[=:,;\t] *[\d.]+(e[+-]?\d+)? *([^\W\d]\S*)?$",
     re.IGNORECASE,
 )
 #: within a channel's name: 1000*Force, Force/10, Force x 1e3

@@ -41,13 +41,12 @@ _WORDS = {
     "毫米": "mm", "微米": "um", "秒": "s", "毫秒": "ms", "牛": "N", "千牛": "kN",
 }  # fmt: skip
 _RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
-#: units that stand without brackets behind a name that says no role ("CH1 N", CH1_N): others are more often words
-_BARE = {
-    "mm", "um", "µm", "in", "inch", "N", "kN", "lbf", "s", "ms", "sec", "g", "m", "mN", "kip", "kgf", "us",
-    "deg", "rad", "mrad", "Nm", "N*m", "kPa", "MPa", "bar", "psi", "V", "mV", "m/s2", "mm/s2", "rad/s2", "deg/s2",
-}  # fmt: skip
+#: units that stand without brackets ("Force N", force_N): others are more often words and letters there
+_BARE = frozenset(
+    "mm um µm μm nm cm m in inch inches ft thou deg degrees rad mrad N kN mN newton newtons lbf kip kgf Nm kNm mNm Pa "
+    "kPa MPa bar mbar psi s ms us µs ns sec seconds min g mg m/s2 m/s² m/s^2 mm/s2 rad/s2 deg/s2 V mV".split()
+)
 _WIDE = str.maketrans("（）［］／，：", "()[]/,:")  # signs as wide as a Chinese character
-_RATES = {"mm": "mm/s", "m": "m/s", "in": "in/s", "um": "um/s", "rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s"}
 _THOUSANDS = re.compile(r"[1-9]\d{0,2}(,\d{3})+")
 
 
@@ -194,8 +193,8 @@ def split_name(name: str) -> tuple[str, str]:
         if found and (_bare(found[1], found[2]) if "[" in pattern or "-" in pattern else _is_word_unit(found[2])):
             return found[1].strip(), found[2].strip()
     parts = name.split("_")
-    if len(parts) > 2 and parts[-1] == "s" and parts[-2] in _RATES:
-        return "_".join(parts[:-2]), _RATES[parts[-2]]  # a velocity, no time
+    if len(parts) > 2 and parts[-1] == "s" and may_be(parts[-2], "displacement"):
+        return "_".join(parts[:-2]), f"{parts[-2]}/s"  # a velocity, no time
     for k in range(max(1, len(parts) - 3), len(parts)):
         stem, unit = "_".join(parts[:k]), "_".join(parts[k:])
         spelt = f"{unit[:-3]}/s2" if unit.endswith("_s2") else unit.replace("_", "*")
@@ -205,10 +204,12 @@ def split_name(name: str) -> tuple[str, str]:
 
 
 def _bare(stem: str, unit: str) -> bool:
-    """Whether what stands without brackets behind a name is its unit: of a role that the name says, or a usual one."""
+    """Whether what stands without brackets behind a name is its unit: of a role that the name says, if it says one."""
+    known = (
+        x in _BARE or _WORDS.get(x.lower()) in _BARE or (x.isupper() and x.lower() in _BARE) for x in unit.split("*")
+    )
     roles = [role for role in WORDS if named(stem, role)]
-    usual = any(may_be(unit, role) for role in roles) if roles else _WORDS.get(unit.lower(), unit) in _BARE
-    return usual or is_volts(unit)
+    return all(known) and (not roles or is_volts(unit) or any(may_be(unit, role) for role in roles))
 
 
 def _is_word_unit(text: str) -> bool:

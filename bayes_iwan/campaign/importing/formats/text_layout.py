@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS
 from bayes_iwan.campaign.importing.formats.stamps import is_stamp
 from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES
@@ -214,19 +215,13 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
                     at = {k for k, cells in enumerate(rows) if good[k] and len(cells) == width}
                     runs = ([k for k in sorted(at) if at.issuperset(range(k, k + n))] for n in (FEWEST_SAMPLES, 3, 1))
                     first = next(some[0] for some in runs if some)  # not numbers among names
-                    full = [k for k, c in enumerate(rows[max(at)]) if style.is_number(c)]
-                    while (
-                        first
-                        and len(rows[first - 1]) == width
-                        and all(style.is_number(rows[first - 1][k]) for k in full)
-                    ):  # remarks beside numbers
-                        first -= 1
                     best = (len(fit), sum(fit), style, first, width)
     if best is None or best[0] < 2:
         raise CampaignError(
             f"{file}: no rows of numbers found; say how it is written with --separator, --decimal, --encoding"
         )
     style, first, width = best[2:]
+    first = _with_remarks(cut[style.separator][0], style, first, width)
     if layout.decimal is None and (cell := _may_be_thousands(style, head[first:])):
         other = "," if style.decimal == "." else "."
         raise CampaignError(
@@ -243,6 +238,17 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
                 )
             return Style("\t", ","), first, 1
     return style, first, width
+
+
+def _with_remarks(rows: list[list[str]], style: Style, first: int, width: int) -> int:
+    """The first row of a table: one with remarks beside its numbers belongs to it, one that is labelled does not."""
+    places = [[k for k, c in enumerate(cells) if style.is_number(c)] if len(cells) == width else [] for cells in rows]
+    usual = next(x for x in reversed(places) if x)
+    while first and set(usual) <= set(places[first - 1]):
+        first -= 1
+    while places[first] == usual and any(x.fullmatch(rows[first][0].strip(" :=")) for x in (STARTS, STEPS)):
+        first += 1
+    return first
 
 
 def _may_be_thousands(style: Style, lines: list[str]) -> str:
