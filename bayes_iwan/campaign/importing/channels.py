@@ -1,7 +1,7 @@
 """Which channels of a recording are the motion, the force and their times: as named, or found by unit and name."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,8 @@ LATE = 0.5  # of a record by which one of two clocks may be late and still be it
 #: what has the unit of a motion or a force and is no measurement of it: never taken unless it is named
 _NOT_MEASURED = re.compile(
     r"(?<![^\W_])(error|err|fehler|abweichung|deviation|écart|command|cmd|commanded|setpoint|set[ _-]point|soll|"
-    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse|normal|normalkraft|preload)(?![^\W\d_])",
+    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse|normal|"
+    r"normalkraft|preload)(?![^\W\d_])",
     re.IGNORECASE,
 )
 
@@ -114,26 +115,23 @@ def unit_asked(some: Sequence[Channel], role: str, recipe: Recipe) -> list[Quest
     alike."""
     if role in recipe.sensitivities:
         return []
-    asked = []
+    asked: dict[tuple[str, str], str] = {}
     for unit in (recipe.units.get(role, c.unit) for c in some):
-        text = f"{some[0].name!r} ({role})" if len(some) == 1 else f"The {role}"
         if not unit:
-            asked.append(
-                Question("--unit", role, "UNIT", f"{text} states no unit ({', '.join(ROLES[role])} or another).")
-            )
+            asked["--unit", "UNIT"] = f"states no unit ({', '.join(ROLES[role])} or another)."
+        elif is_volts(unit) and "/" in unit:
+            asked["--unit", "50 N"] = f"is in {unit}, a bridge's ratio: what load is 1 {unit}?"
         elif is_volts(unit):
-            option, value, what = "--sensitivity", TRANSDUCER[role], "of what transducer?"
-            if "/" in unit:
-                option, value, what = "--unit", "50 N", f"a bridge's ratio: what load is 1 {unit}?"
-            asked.append(Question(option, role, value, f"{text} is in {unit}: {what}"))
+            asked["--sensitivity", TRANSDUCER[role]] = f"is in {unit}: of what transducer?"
         elif is_ratio(unit):
-            what = "say the length that it is of (50 mm for samples in mm/mm, gauge 50 mm)"
-            asked.append(Question("--unit", role, "50 mm", f"{text} is in {unit}, a ratio and no {role}: {what}."))
+            what = "say the length that it is of (50 mm for samples in mm/mm, gauge 50 mm)."
+            asked["--unit", "50 mm"] = f"is in {unit}, a ratio and no {role}: {what}"
         elif role not in recipe.units and not may_be(unit, role):
-            asked.append(Question("--unit", role, "UNIT", f"{text} is in {unit}: what is a sample of 1?"))
+            asked["--unit", "UNIT"] = f"is in {unit}: what is a sample of 1?"
         else:
             return []
-    return asked[:1] if len({(q.option, q.placeholder) for q in asked}) == 1 else []
+    name = f"{some[0].name!r} ({role})" if len(some) == 1 else f"The {role}"
+    return [Question(option, role, x, f"{name} {what}") for (option, x), what in asked.items() if len(asked) == 1]
 
 
 def is_time(channel: Channel) -> bool:
@@ -202,17 +200,13 @@ def _other_by_name(channel: Channel, role: str) -> bool:
 
 def matching(recording: Recording, name: str) -> list[Channel]:
     """Channels that a name means: as it stands, as the file heads it, or by its last part (force for run1.force)."""
-    ways: tuple[Mapping[int, str], ...] = (
-        {k: c.name for k, c in enumerate(recording.channels)},
-        {k: c.heading for k, c in enumerate(recording.channels)},
-        {k: _plain(c.name) for k, c in enumerate(recording.channels)},
-        {k: _plain(c.heading or c.name) for k, c in enumerate(recording.channels)},
-        {k: _plain(f"{c.name} {c.unit}") for k, c in enumerate(recording.channels)},
-        {k: _plain(c.name.rpartition(".")[2]) for k, c in enumerate(recording.channels)},
-    )
+    ways: tuple[Callable[[Channel], str], ...] = (
+        lambda c: c.name, lambda c: c.heading, lambda c: _plain(c.name), lambda c: _plain(c.heading or c.name),
+        lambda c: _plain(f"{c.name} {c.unit}"), lambda c: _plain(c.name.rpartition(".")[2]),
+    )  # fmt: skip
     for way in ways:
         for wanted in (name, _plain(name)):
-            if same := [recording.channels[k] for k, x in way.items() if x == wanted]:
+            if same := [c for c in recording.channels if way(c) == wanted]:
                 return same
     return []
 

@@ -68,15 +68,6 @@ class ImportedTest:
     loop: Loop
     said: tuple[str, ...]
 
-    @property
-    def motion(self) -> str:
-        """Name of the motion's column."""
-        return list(self.columns)[-2]
-
-    @property
-    def force(self) -> str:
-        return list(self.columns)[-1]
-
 
 def import_tests(
     files: Sequence[str | os.PathLike[str]],
@@ -112,8 +103,8 @@ def import_tests(
     for test in tests:
         if list(test.columns) != list(first.columns):
             raise CampaignError(
-                f"{test.record.file}: has {test.motion} and {test.force}, {first.record.file} has {first.motion} and "
-                f"{first.force}; a campaign holds one kind of record"
+                f"{test.record.file}: has {' and '.join([*test.columns][-2:])}, {first.record.file} has "
+                f"{' and '.join([*first.columns][-2:])}; a campaign holds one kind of record"
             )
     names = [test.record.file for test in tests]
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -168,9 +159,10 @@ def write_tests(
         if (folder / test.record.file).exists():
             raise CampaignError(f"{folder / test.record.file}: would be written over; name another folder with --out")
     rates = {test.rate_hz for test in tests}
+    *_, motion, force = tests[0].columns
     channels: dict[str, str | float] = {
-        tests[0].motion.partition("_")[0].replace("angle", "displacement"): tests[0].motion,
-        "force": tests[0].force,
+        motion.partition("_")[0].replace("angle", "displacement"): motion,
+        "force": force,
     }
     if not tests[0].record.clock:
         channels["clock"] = "none"

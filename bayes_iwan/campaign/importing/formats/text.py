@@ -60,7 +60,7 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     if not names and [style.cells(line)[0] for line in head[first : first + 3]] == ["1", "2", "3"]:
         found = names_and_units(above, style, width - 1)  # R does not head the numbers of its rows
         names, units = (["", *x] if x else x for x in found)
-    if names and is_unit(names[0]) and all(is_unit(x) for x in names):
+    if names and (all(is_unit(x) for x in names) or all(style.is_number(x) for x in names if x)):
         names = [f"column {k + 1}" for k in range(len(names))]
     said = (
         f"text: {SEPARATORS.get(style.separator, style.separator)}, decimal {style.decimal}, {how}, numbers from line "

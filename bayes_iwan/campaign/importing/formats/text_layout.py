@@ -241,11 +241,16 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
 
 
 def _with_remarks(rows: list[list[str]], style: Style, first: int, width: int) -> int:
-    """The first row of a table: one with remarks beside its numbers belongs to it, one that is labelled does not."""
+    """The first row of a table: one with remarks beside its numbers belongs to it, one that is labelled or counts the
+    columns, as pandas does, does not."""
     places = [[k for k, c in enumerate(cells) if style.is_number(c)] if len(cells) == width else [] for cells in rows]
     usual = next(x for x in reversed(places) if x)
     while first and set(usual) <= set(places[first - 1]):
         first -= 1
+    cells = [rows[first][k] for k in places[first]]
+    counts = len(cells) > 1 and cells in ([str(k + a) for k in range(len(cells))] for a in (0, 1))
+    if counts and any(style.decimal in c for c in rows[first + 1]):
+        first += 1
     while places[first] == usual and any(x.fullmatch(rows[first][0].strip(" :=")) for x in (STARTS, STEPS)):
         first += 1
     return first
