@@ -37,6 +37,11 @@ def french(values, digits=6):
     return [f"{v:,.{digits}f}".replace(",", "\u202f").replace(".", ",") for v in values]
 
 
+TEK = [
+    "Record Length,1.0e+03,", "Sample Interval,2.000000e-03,", ",,", "Source,CH1,", "Vertical Units,V,", "Pt Fmt,Y,",
+    "Model Number,TBS1072B,", "Firmware Version,FV:v4.06,",
+]  # fmt: skip
+MICSIG = ["Model,TO1104,", "Channel,CH1,", "Sample,500Sa/s,", "Points,1000,"]
 ASCENDING = [str(k) for k in range(1, N + 1)]
 FORMS = {
     # measuring software
@@ -56,6 +61,9 @@ FORMS = {
                 decimal=","),
         {}),
     "famos": (table(["x-Achse;Weg;Kraft", "s;mm;N"], T, X, F, separator=";", decimal=","), {}),
+    "famos_labels": (
+        table(["Name:\tWeg\tKraft", "Y-Einheit:\tmm\tN", "X-Delta:\t0,002\t0,002"], [""] * N, X, F, separator="\t",
+              decimal=","), {}),
     "famos_no_x": (table(["Weg;Kraft", "mm;N", "dx = 0,002 s;dx = 0,002 s"], X, F, separator=";", decimal=","), {}),
     "diadem": (
         table(["DIAHEADER", "Zeit;Weg;Kraft", "s;mm;kN", "DOUBLE;DOUBLE;DOUBLE"], T, X, F / 1e3, separator=";",
@@ -64,6 +72,13 @@ FORMS = {
         table(["Title1\tRun 3", "Point id\tS1:+X", "X axis\tTime", "", "Time\tDisplacement\tForce", "s\tmm\tN"],
               T, X, F, separator="\t"), {}),
     "testlab_blanks": (table(["% Simcenter Testlab", "%  Time s   Disp mm   Force N"], T, X, F, separator="   "), {}),
+    "labview_waveforms": (
+        table(["waveform\tWeg (mm)\tKraft (N)", "t0\t4/22/2018  13:45:12.100572\t4/22/2018  13:45:12.100572",
+               "delta t\t2.000000E-3\t2.000000E-3", "", "time\tY[0]\tY[1]"], clock("%m/%d/%Y  %H:%M:%S.%f"), X, F,
+              separator="\t"), {}),
+    "labview_one_header": (
+        table(["LabVIEW Measurement", "Separator\tTab", "***End_of_Header***", "Time\tWeg[mm]\tKraft[N]"], T, X, F,
+              separator="\t"), {}),
     "labview_spreadsheet": (table(["Time (s)\tStroke (mm)\tLoad (N)"], T, X, F, separator="\t", end="\r\n"), {}),
     "signalexpress": (
         table(["channel names: ", "Zeit*\tWeg - Alle Daten (mm)\tKraft - Alle Daten (N)"], T, X, F,
@@ -73,6 +88,7 @@ FORMS = {
     "bluehill": (
         table(["Results Table 1", ",Maximum Load,Break", ",(N),(mm)", "1,1800.0,1.25", "", "Raw Data",
                "Time,Extension,Load", "(s),(mm),(N)"], T, X, F), {}),
+    "keyence_cycle": (table(["Sampling cycle,2000us", "No.,Disp,Force", ",mm,N"], ASCENDING, X, F), {}),
     "bluehill_quoted": (table(['"Time","Displacement","Force"', '"(s)","(mm)","(kN)"'],
                               *([f'"{v:.6f}"' for v in c] for c in (T, X, F / 1e3))), {}),
     "bluehill_units_after": (table(["Time sec,Extension mm,Load N"], T, X, F), {}),
@@ -111,6 +127,12 @@ FORMS = {
         table(["X,CH1,CH2,Start,Increment", "Sequence,VOLT,VOLT,0.000000e+00,2.000000e-03"],
               [str(k) for k in range(N)], X / 10, F / 1000, fmt="{:.6e}"),
         {"channels": {"displacement": "CH1", "force": "CH2"},
+         "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
+    "micsig": (
+        table(["ProID,Info,,time,Vol.,,ProID,Info,,time,Vol.,"],
+              [*MICSIG, *[",,"] * (N - len(MICSIG))], T, X / 10, [""] * N, [*MICSIG, *[",,"] * (N - len(MICSIG))], T,
+              F / 1000, [""] * N, fmt="{:.9f}"),
+        {"channels": {"displacement": "2", "force": "4"},
          "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
     "picoscope_ms": (
         table(["Time,Channel A,Channel B", "(ms),(mV),(V)", ""], T * 1e3, X * 100, F / 1000),
@@ -210,3 +232,30 @@ def test_a_logger_s_export(tmp_path, name, encoding):
     (test,) = import_tests([file], Recipe(**options))
     assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
     assert test.loop.frequency_hz == pytest.approx(FREQUENCY, rel=1e-3)
+
+
+def test_specimens_one_below_another_with_numbers_in_their_headers(tmp_path):
+    """As Bluehill writes raw data of several specimens."""
+    blocks = [f"{k},Time,Displacement,Force\n,(s),(mm),(N)\n" + table([], [""] * N, T, X * k, F * k) for k in (1, 2)]
+    (tmp_path / "a.csv").write_text("Results Table 1\n,Width,Area\n,(mm),(mm^2)\n1,24.7,77.2\n\n" + "\n".join(blocks))
+    first, second = import_tests([tmp_path / "a.csv"])
+    assert energy(first) == pytest.approx(ENERGY_NMM, rel=0.003)
+    assert energy(second) == pytest.approx(4 * ENERGY_NMM, rel=0.003)
+
+
+def test_rows_with_remarks_beside_them_are_samples(tmp_path):
+    """A TBS1072B writes F0000CH1.CSV and F0000CH2.CSV, each with its settings beside the first rows."""
+    for k, values in ((1, X / 10), (2, F / 1000)):
+        side = [x.replace("CH1", f"CH{k}") for x in TEK] + [",,"] * (N - len(TEK))
+        (tmp_path / f"F0000CH{k}.CSV").write_text(table([], side, T, values, [""] * N, fmt="{:.9f}"))
+    options = {"displacement": "10 mm/V", "force": "1000 N/V"}
+    recipe = Recipe(channels={"displacement": "CH1", "force": "CH2"}, sensitivities=options)
+    (test,) = import_tests(sorted(tmp_path.iterdir()), recipe, join=True)
+    assert test.record.time_s.size == N
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+
+
+def test_what_is_asked_of_channels_that_are_not_chosen_yet_is_asked_at_once(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["t (s),force.x,force.z,pos"], T, F, F + 1, X))
+    with pytest.raises(CampaignError, match=r'--force "NAME" --unit "force=UNIT" --unit "displacement=UNIT"'):
+        import_tests([tmp_path / "a.csv"])

@@ -12,9 +12,9 @@ _RATES = (
     r"サンプリング周波数|частота дискретизации|fs|fsample|srate"
 )
 _STEPS = (
-    r"(?:sampl\w*|scan|time|x|h|wf)?[ _-]*(?:interval|increment)|(?:sampl\w*|scan)[ _-]*(?:period|step)|time[ _-]?step|"
-    r"(?:sampl\w*|time|x|h)[ _-]*resolution|d[tx]|delta[ _-]?[tx]|(?:abtast|zeit)[ _-]?(?:intervall|schritt|periode)|"
-    r"サンプリング間隔|采样间隔|t[ _]?inc|ts"
+    r"(?:sampl\w*|scan|time|x|h|wf)?[ _-]*(?:interval|increment)|(?:sampl\w*|scan)[ _-]*(?:period|step|cycle)|"
+    r"time[ _-]?step|(?:sampl\w*|time|x|h)[ _-]*resolution|d[tx]|delta[ _-]?[tx]|[tx][ _-]?delta|"
+    r"(?:abtast|zeit)[ _-]?(?:intervall|schritt|periode)|サンプリング間隔|采样间隔|t[ _]?inc|ts"
 )
 _STARTS = r"(?:wf[ _-])?start[ _-]?(?:times?|offset|value)|t[ _]?(?:0|start)|start(?=_s)|h[ _-]?offset|x0"
 #: of a label that is nothing else, as of an array of MATLAB or a row above a table

@@ -12,7 +12,7 @@ import pandas as pd
 from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
-from bayes_iwan.campaign.importing.formats.lvm import read_lvm
+from bayes_iwan.campaign.importing.formats.lvm import END_OF_HEADER, read_lvm
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
     MISSING,
@@ -25,6 +25,7 @@ from bayes_iwan.campaign.importing.formats.text_layout import (
     labelled,
     names_and_units,
     range_passed,
+    words_of_roles,
 )
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording
 from bayes_iwan.campaign.importing.unit_texts import contradict, is_unit, role_of, split_name
@@ -39,7 +40,7 @@ SIDE = 0.9  # of a column's cells empty: remarks beside the table, not a signal
 def read_text(path: Path, file: str, layout: Layout) -> list[Recording]:
     """The tables of a text file. Raises CampaignError naming the line and how to fix it."""
     text, encoding = decoded(file, read_bytes(path, file), layout.encoding)
-    if text.startswith("LabVIEW Measurement"):
+    if text.startswith("LabVIEW Measurement") and text.count(END_OF_HEADER) > 1:
         return read_lvm(file, text)
     return _read(file, plain_rows(text), layout, "", encoding)
 
@@ -59,7 +60,7 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     if not names and [style.cells(line)[0] for line in head[first : first + 3]] == ["1", "2", "3"]:
         found = names_and_units(above, style, width - 1)  # R does not head the numbers of its rows
         names, units = (["", *x] if x else x for x in found)
-    if names and is_unit(names[0]) and all(is_unit(x) for x in names):
+    if names and (all(is_unit(x) for x in names) or all(style.is_number(x) for x in names if x)):
         names = [f"column {k + 1}" for k in range(len(names))]
     said = (
         f"text: {SEPARATORS.get(style.separator, style.separator)}, decimal {style.decimal}, {how}, numbers from line "
@@ -207,16 +208,14 @@ def _words(cell: object) -> bool:
 def _has_header(body: str, style: Style) -> bool:
     """Whether a line of names stands within the numbers: two texts or more, and no number."""
     for line in body.split("\n"):
-        if line[:1] and (line[:1] in "0123456789+-.," or line[:1].isspace()) and not line.lstrip()[:1].isalpha():
-            continue
-        if _is_header(style.cells(line), style):
+        if re.search(r"[^\W\d_]{2}", line) and _is_header(style.cells(line), style):
             return True
     return False
 
 
 def _is_header(cells: list[str], style: Style) -> bool:
     words = [c for c in cells if re.search(r"[^\W\d_]", c)]
-    return len(words) > 1 and not any(style.is_number(c) for c in cells)
+    return len(words) > 1 and (words_of_roles(cells) > 1 or not any(style.is_number(c) for c in cells))
 
 
 def _blocks(file: str, lines: list[str], style: Style, width: int, first: int) -> list[tuple[int, int, list[str]]]:
@@ -278,11 +277,12 @@ def _recording(
         channels[k] = Channel(
             name or f"column {k + 1}", unit, values, 1 / own if own > 0 else None, starts.get(k), heading=heading
         )
+    began = next((x[2] for k, v in labels.items() if STARTS.fullmatch(k) and "." in v and (x := seconds([v]))), None)
     if not any(role_of(c.unit) == "time" for c in channels.values()):
-        clocks, said = _clocks({k: table[k] for k in used if k not in numeric}, names)
-        channels, notes = channels | clocks, (*notes, *said)
+        clocks, said, first = _clocks({k: table[k] for k in used if k not in numeric}, names)
+        channels, notes, began = channels | clocks, (*notes, *said), first if clocks else began
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
-    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside]))
+    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside]), began)
 
 
 def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:
@@ -293,14 +293,15 @@ def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:
     return found if stamps is None else {k: float(x) for k, x in zip(there, stamps[0])}
 
 
-def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...]]:
-    """The times that columns of text hold, by column, all from the first one's first stamp, and what was done to them:
-    times of day, with a column of dates beside them or without."""
+def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...], float]:
+    """The times that columns of text hold, by column, all from the first one's first stamp, what was done to them, and
+    that stamp: times of day, with a column of dates beside them or without."""
     texts = {k: c for k, c in columns.items() if c.dropna().map(lambda x: isinstance(x, str)).all()}
     dated = {k: c for k, c in texts.items() if c.dropna().map(is_date).all()}
     clocks: dict[int, Channel] = {}
     notes: list[str] = []
     origin: tuple[list[str], list[str] | None] | None = None
+    began = 0.0
     for k, column in texts.items():
         if k in dated:
             continue
@@ -315,10 +316,11 @@ def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, 
             continue
         time = np.full(len(column), np.nan)
         time[there.to_numpy()] = found[0][1:]
+        began = began if clocks else found[2]
         clocks[k] = Channel(names[k] or "time", "s", time, heading=names[k])
         if found[1]:
             notes.append(f"{names[k] or 'time'}: {found[1]}")
-    return clocks, tuple(notes)
+    return clocks, tuple(notes), began
 
 
 def _labels(lines: Sequence[str]) -> dict[str, str]:
