@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 
-from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting, specimen
+from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting
 from bayes_iwan.effects.base import Effect, EffectError, stages_of
 from bayes_iwan.effects.conditions import following
 from bayes_iwan.effects.empirical_patterns import EFFECTS as WITHOUT_CAUSE

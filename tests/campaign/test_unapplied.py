@@ -8,8 +8,8 @@ import scipy.io
 
 from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.importer import import_tests
 from bayes_iwan.campaign.importing.questions import ImportAsks
-from bayes_iwan.campaign.importing.run import import_tests
 
 N, RATE_HZ, FREQUENCY_HZ, LATE_S = 1000, 250.0, 5.0, 0.008
 T = np.arange(N) / RATE_HZ

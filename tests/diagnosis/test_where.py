@@ -15,7 +15,7 @@ from bayes_iwan.diagnosis.fits.evidence import fit_model
 from bayes_iwan.diagnosis.fits.gap_size import gap_size, shrink
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.base_fit import fit_base
-from bayes_iwan.effects.specimen import ViscousDamping
+from bayes_iwan.effects.specimen_forces import ViscousDamping
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.models import Model, Reference, sine_motion

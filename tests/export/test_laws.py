@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import export_courses as rt
-from bayes_iwan.effects import catalogue, conditions, lag, mounting, paper_stages, specimen
+from bayes_iwan.effects import catalogue, conditions, lag, mounting, paper_stages
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.device import ExportError, device_of, steady_loops
 from bayes_iwan.export.laws import LAWS, OF_THE_RIG

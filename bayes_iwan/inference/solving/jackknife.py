@@ -19,8 +19,8 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.inference.solving.chains import least_squares_of
 from bayes_iwan.inference.solving.point import most_probable
+from bayes_iwan.inference.solving.posterior_draws import least_squares_of
 from bayes_iwan.sampling.moves.manifold import Manifold, Places
 
 _STAGES = 2  # of the way to a stretched draw, since the sheet curves: each by the Jacobian where it starts
