@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 
-from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting
+from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting, specimen_forces
 from bayes_iwan.effects.base import Effect, EffectError, stages_of
 from bayes_iwan.effects.conditions import following
 from bayes_iwan.effects.empirical_patterns import EFFECTS as WITHOUT_CAUSE
@@ -16,7 +16,7 @@ from bayes_iwan.models.user_file import classes_in
 Maker = Callable[..., Effect]
 
 BUILT_IN: tuple[type[Effect], ...] = (
-    *specimen.EFFECTS,
+    *specimen_forces.EFFECTS,
     *friction.EFFECTS,
     *lag.EFFECTS,
     *mounting.EFFECTS,
