@@ -32,7 +32,7 @@ from bayes_iwan.diagnosis.assessment.budget import (
 )
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, any_of, calibration
 from bayes_iwan.diagnosis.assessment.sampled_fit import sampled_fit
-from bayes_iwan.diagnosis.assessment.verdict import verdict_of
+from bayes_iwan.diagnosis.assessment.verdict import refused, verdict_of
 from bayes_iwan.diagnosis.constants import MOST_EFFECTS
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_model
@@ -297,13 +297,13 @@ def _next(
     data: GapData, found: Weighed, verdict: Verdict, constants: Calibration, campaign: Campaign
 ) -> NextTest | None:
     """The test that best settles what is still in question: a cause and its nearest alternative, or whether a cause is
-    there at all; None where nothing is, or where the drive must be fixed first. What is not plausible is in
+    there at all; None where nothing is, or where the drive must be fixed first. What something speaks against is in
     question only where it is one of those that are said to contribute."""
     if verdict.kind is Kind.DRIVE:
         return None
     whole, said = frozenset(found.search.chosen), {n for x in verdict.one_of for n in x.names}
     for f in sorted(found.figures, key=lambda f: -f.moved):
-        if f.name in NO_CAUSE or (f.odd and f.name not in said):
+        if refused(f) and f.name not in said:
             continue
         others = [
             n
