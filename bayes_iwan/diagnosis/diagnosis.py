@@ -221,7 +221,7 @@ def _reported(
         imitated = ()
     report("next test")
     following = _next(data, found, verdict, constants, gap.campaign)
-    if following is None or not named:  # what is said to be tied comes before what is only possible
+    if following is None or not (named or verdict.one_of):  # what is said comes before what is only possible
         following = next((x.next_test for x in imitated if x.said and x.next_test), following)
     return Diagnosis(
         gap.campaign,
