@@ -32,7 +32,7 @@ from bayes_iwan.diagnosis.assessment.budget import (
 )
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, any_of, calibration
 from bayes_iwan.diagnosis.assessment.sampled_fit import sampled_fit
-from bayes_iwan.diagnosis.assessment.verdict import refused, verdict_of
+from bayes_iwan.diagnosis.assessment.verdict import refused, resembled, verdict_of
 from bayes_iwan.diagnosis.constants import MOST_EFFECTS
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_model
@@ -201,14 +201,14 @@ def _reported(
         fit, sampling = sampled_fit(data, fit, seed, report)
     left = residual_of(data, found.models.nearest[named])
     places = where_sentences(gap.where if not named else where(left, seed)) if verdict.unknown_cause else []
-    outside = [f for f in found.figures if f.name in NO_CAUSE]
-    resembles = max(outside, key=lambda f: f.gain).name if outside and verdict.unknown_cause else None
+    pattern = resembled(found.figures) if verdict.unknown_cause else None
     unexplained = Unexplained(
         verdict.probabilities["unknown"],
         unexplained_share(named, found.models.sizes) if named else Share(1.0, 1.0, 1.0),
         after.all.share,
         tuple(places),
-        resembles,
+        None if pattern is None else pattern.name,
+        0.0 if pattern is None else 0.5 * (pattern.alone + pattern.fitted),
         found.subharmonic,
     )
     rng = np.random.default_rng([seed, 2])

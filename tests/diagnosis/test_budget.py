@@ -21,6 +21,7 @@ from bayes_iwan.diagnosis.assessment.verdict import (
     named_by,
     one_of,
     refused,
+    resembled,
     unknown_cause_probability,
     usual_form,
 )
@@ -151,6 +152,14 @@ def test_a_name_is_refused_however_probable(change, why):
     assert named_by([SURE], one_set(SURE)) == ("moving_mass",) and named_by([f], one_set(f)) == ()
     if f.name != "lagging_force":
         assert contributing([f], one_set(f))[f.name] == REFUSED
+
+
+def test_a_gap_resembles_what_removes_some_of_it_on_held_out_tests():
+    steady = replace(SURE, name="lagging_force", gain=20.0)
+    idle = replace(SURE, name="lagging_reading", gain=90.0, held_out=0.0)
+    assert resembled([SURE, idle]) is None and resembled([idle, steady, SURE]) is steady
+    once = replace(idle, held_out=np.nan)
+    assert resembled([once, steady]) is once
 
 
 def test_what_the_best_set_lacks_is_not_probable():

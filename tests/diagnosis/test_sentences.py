@@ -222,6 +222,15 @@ def test_a_line_at_half_the_frequency_is_said_whatever_the_loops_show(answers):
     assert d["verdict"]["colour"] == "note"
 
 
+def test_how_much_of_the_gap_a_pattern_makes_is_said(answers):
+    d = answers["unknown"]
+    unexplained = replace(d.budget.unexplained, resembles="lagging_reading", resembling=0.123)
+    d = replace(d, budget=replace(d.budget, unexplained=unexplained))
+    assert "12 % of the gap resembles this: a displacement reading that lags after every reversal" in " ".join(
+        sentences(d)
+    )
+
+
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "drive"])
 def test_where_no_test_is_left_the_answer_says_why(answers, kind):
     d = replace(answers[kind], next_test=None)
@@ -253,7 +262,7 @@ def test_numbers_read_as_numbers():
     assert [force(x) for x in (0.0, 12345.0, 783e-3, 61.38, -1719.0, 1e-5)] == [
         "0 N", "12.3 kN", "0.783 N", "61.4 N", "-1.72 kN", "0.01 mN",
     ]  # fmt: skip
-    assert [percent(x) for x in (0.5, 0.0951, 0.004, 0.00004, -0.0002)] == ["50 %", "9.5 %", "0.4 %", "0 %", "0 %"]
+    assert [percent(x) for x in (0.5, 0.0951, 0.004, 0.00004, -0.0002)] == ["50 %", "9.5 %", "0.4 %", "0 %", "-0.02 %"]
     assert few(["a", "b"]) == "a or b" and few(list("abcde")) == "a, b, c or 2 others"
     assert value_of("c_N_s_mm", 1.357, 0.09, "N·s/mm") == " of 1.36 ± 0.09 N·s/mm"
 

@@ -281,7 +281,7 @@ def _resembles(d: Diagnosis) -> list[str]:
     out, unexplained = [], d.budget.unexplained
     physics = physics_of_pattern(unexplained.resembles) if d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN) else None
     if physics:
-        out.append(f"It resembles this most: {physics.rstrip('.')}.")
+        out.append(f"{percent(unexplained.resembling)} of the gap resembles this: {physics.rstrip('.')}.")
     if _half_frequency(d):
         out.append(
             "Every second cycle differs: the records hold a line at half the test frequency, which averaged loops hide."

@@ -99,6 +99,12 @@ def unknown_cause_probability(by_size: float, given: Iterable[Figures], sets: Se
     return min(1.0 - none, SUREST)
 
 
+def resembled(given: Iterable[Figures]) -> Figures | None:
+    """The pattern without a cause that fits best; none that removes nothing on held-out tests."""
+    some = (f for f in given if f.name in NO_CAUSE and not f.held_out <= 0.0)
+    return max(some, key=lambda f: f.gain, default=None)
+
+
 def usual_form(given: Iterable[Figures]) -> frozenset[str]:
     """Model-form effects of the best set that are a specimen's usual difference from the model and so not left
     unexplained. One that stands for more is named, or what it removes has another cause."""
