@@ -15,7 +15,7 @@ from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
-from bayes_iwan.diagnosis.answer.imitation import edges_of, imitations
+from bayes_iwan.diagnosis.answer.imitation import edges_of, imitations, said_in_text
 from bayes_iwan.diagnosis.answer.localisation import Located, ProgressListener, located, where
 from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
 from bayes_iwan.diagnosis.answer.result import Diagnosis, EffectParameter, Moved
@@ -222,7 +222,7 @@ def _reported(
     report("next test")
     following = _next(data, found, verdict, constants, gap.campaign)
     if following is None or not (named or verdict.one_of):  # what is said comes before what is only possible
-        following = next((x.next_test for x in imitated if x.said and x.next_test), following)
+        following = next((x.next_test for x in said_in_text(imitated) if x.next_test), following)
     return Diagnosis(
         gap.campaign,
         seed,

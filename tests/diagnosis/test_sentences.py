@@ -8,7 +8,7 @@ import pytest
 from bayes_iwan.campaign.loops.clipping import Limit
 from bayes_iwan.campaign.recording.records import Record
 from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict
-from bayes_iwan.diagnosis.answer.imitation import Edge, Explanation, Imitation
+from bayes_iwan.diagnosis.answer.imitation import Edge, Explanation, Imitation, said_in_text
 from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.answer.sentences import sentences
 from bayes_iwan.diagnosis.answer.wording import few, force, percent, plain, title, value_of
@@ -189,6 +189,16 @@ def test_a_dependence_that_one_effect_explains_is_left_to_the_verdict(answers):
     said = " ".join(sentences(replace(answers["none, ties"], imitations=(two,))))
     instead = "with a normal force that grows with speed instead 2.5 %, with none 12 %."
     assert f"With one of them the model would miss 2 % to 11 % of the friction force, {instead}" in said
+
+
+def test_the_text_holds_speed_and_what_is_most_at_stake():
+    """Of these the first has the next test, else it separates what no sentence says."""
+    asymmetry, after, rounding = (
+        replace(TIED, what=w, without=x) for w, x in (("asymmetry", 0.2), ("stiffness", 0.3), ("rounding", 0.4))
+    )
+    single = replace(TIED, without=0.9, tied=("viscous_damping",))
+    assert said_in_text([asymmetry, after, single, rounding]) == [rounding, after]
+    assert said_in_text([asymmetry, rounding, TIED]) == [TIED, rounding]
 
 
 def test_what_is_no_more_than_noise_is_said_so(answers):

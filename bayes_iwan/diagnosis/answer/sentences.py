@@ -1,6 +1,6 @@
 """The answer of a diagnosis in one screen of plain sentences, and what colour its box has."""
 
-from bayes_iwan.diagnosis.answer.imitation import Imitation
+from bayes_iwan.diagnosis.answer.imitation import Imitation, said_in_text
 from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.wording import (
@@ -35,8 +35,8 @@ NO_MODEL = 0.8
 FREQUENCIES_DIFFER = 1.3
 #: effects that a record itself shows, whatever its frequency
 NO_TIME_CONSTANT = frozenset({"force_drift", "mains_interference"})
-#: dependences that the base can imitate, and base parameters at the edge, that the text holds; the page holds all
-IMITATIONS_SAID, EDGES_SAID = 2, 3
+#: base parameters at the edge that the text holds; the page holds all
+EDGES_SAID = 3
 
 
 def not_excluded(d: Diagnosis) -> list[str]:
@@ -222,11 +222,8 @@ def _suspects(d: Diagnosis) -> list[str]:
 
 
 def _imitations(d: Diagnosis) -> list[str]:
-    """Dependences that a freedom of the base and an effect explain alike, what is at stake first."""
-    said = sorted((x for x in d.imitations if x.said), key=lambda x: -x.without)
-    speed = [x for x in said if x.what == "speed dependence"]
-    chosen = [*speed, *(x for x in said if x not in speed)][:IMITATIONS_SAID]
-    return [_imitation(x, d) for x in chosen]
+    """Dependences that a freedom of the base and an effect explain alike."""
+    return [_imitation(x, d) for x in said_in_text(d.imitations)]
 
 
 def _imitation(x: Imitation, d: Diagnosis) -> str:
