@@ -167,7 +167,8 @@ def test_the_kinds_read_as_they_should(answers):
     fading = " ".join(text["fading or softening"])
     assert "alone it would remove 2 % of the gap and 100 % of what changes along the records" in fading
     assert "Unexplained: 100 % of the gap" in fading and "since nothing is named" in fading
-    assert text["drive"][-1] == "Next: run these tests again with sines."
+    assert text["drive"][-1].startswith("Next: run these tests again with sines; if they were sines, check the")
+    assert "cannot be found: the displacement of 1 test has corners (t0.csv)" in text["drive"][1]
 
 
 def test_what_the_base_can_imitate_is_said_under_none(answers):
@@ -189,6 +190,17 @@ def test_a_dependence_that_one_effect_explains_is_left_to_the_verdict(answers):
     said = " ".join(sentences(replace(answers["none, ties"], imitations=(two,))))
     instead = "with a normal force that grows with speed instead 2.5 %, with none 12 %."
     assert f"With one of them the model would miss 2 % to 11 % of the friction force, {instead}" in said
+
+
+def test_a_share_that_may_be_nothing_is_one_that_is_not_missed(answers):
+    """Two that only help together: either alone makes the gap larger, and without either most of it is back."""
+    d = answers["two named"]
+    c = d.verdict.causes[0]
+    wide = replace(c, share=replace(c.share, low=-0.05), vague=replace(c.vague, data=0.3))
+    for gaps, may_be_nothing in ((Gaps(0.04, 0.69, 1.16, 0.18), False), (Gaps(0.5, 0.69, 0.7, 0.18), True)):
+        causes = (replace(wide, gaps=gaps), d.verdict.causes[1])
+        said = " ".join(sentences(replace(d, verdict=replace(d.verdict, causes=causes))))
+        assert ("Its share may be nothing." in said) == may_be_nothing
 
 
 def test_the_text_holds_speed_and_what_is_most_at_stake():

@@ -142,10 +142,10 @@ def _kind(d: Diagnosis) -> list[str]:
 
 
 def _cornered(d: Diagnosis) -> str:
-    """Which drives turn at once."""
+    """Which tests turn at once, by their drive or by what their sensor makes of it."""
     files = d.verdict.cornered
     which = ", ".join(files[:MOST_NAMES]) + (" …" if len(files) > MOST_NAMES else "")
-    return f"the drive of {len(files)} test{'s' if len(files) > 1 else ''} has corners ({which})"
+    return f"the displacement of {len(files)} test{'s' if len(files) > 1 else ''} has corners ({which})"
 
 
 def _cause(c: Cause, d: Diagnosis) -> str:
@@ -163,7 +163,7 @@ def _cause(c: Cause, d: Diagnosis) -> str:
     if c.along is not None and c.along > c.share.value + ALONG_SAID:
         text += f", and {percent(c.along)} of what changes along the records"
     text += "."
-    if c.share.low <= 0.0:
+    if c.share.low <= 0.0 and c.gaps.last <= c.vague.data:  # two that only help together remove nothing alone
         text += " Its share may be nothing."
     if len(d.verdict.causes) > 1:
         on = "" if c.held_out is None else " on held-out tests"
@@ -337,7 +337,7 @@ def _not_converged(d: Diagnosis) -> list[str]:
 def next_sentence(d: Diagnosis) -> str:
     """What to do next."""
     if d.verdict.kind is Kind.DRIVE:
-        return "Next: run these tests again with sines."
+        return "Next: run these tests again with sines; if they were sines, check the displacement sensor."
     following = d.next_test
     if following is None and d.verdict.kind is not Kind.NONE and not parted(d.data):
         return "Next: record other amplitudes" + (" and frequencies." if d.campaign.clock else ".")
