@@ -192,9 +192,9 @@ def replaced(less: Fit, whole: Fit) -> str:
     """Why an effect, which a larger fit has, only stands for a number of the base: that is at the edge of its prior
     without the effect and is not with it; "" where none is."""
     after = dict(zip(whole.problem.names, whole.z))
-    for name, z in zip(less.problem.names, less.z):
-        if abs(z) > LARGEST_SCORE and abs(after[name]) < LARGEST_SCORE - 1.0:
-            return f"it replaces {name}, which is at the edge of its prior without it"
+    for p, z in zip(less.problem.prior.free, less.z):
+        if not p.owner and abs(z) > LARGEST_SCORE and abs(after[p.name]) < LARGEST_SCORE - 1.0:
+            return f"it replaces {p.name}, which is at the edge of its prior without it"
     return ""
 
 
