@@ -19,6 +19,7 @@ from bayes_iwan.diagnosis.answer.wording import (
     title,
 )
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
+from bayes_iwan.diagnosis.assessment.verdict import refused
 from bayes_iwan.diagnosis.constants import LEAST_GAP
 from bayes_iwan.diagnosis.fits.gap_size import Gap
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
@@ -214,7 +215,8 @@ def _suspects(d: Diagnosis) -> list[str]:
     some = d.verdict.suspects
     if not some:
         return []
-    which = ", ".join(f"{title(x.name)} (by {percent(x.share)})" for x in some[:MOST_NAMES])
+    why = {f.name: f"; {refused(f)}" for f in d.found.figures if refused(f)}
+    which = ", ".join(f"{title(x.name)} (by {percent(x.share)}{why.get(x.name, '')})" for x in some[:MOST_NAMES])
     more = f" and {len(some) - MOST_NAMES} more" if len(some) > MOST_NAMES else ""
     if parted(d.data):
         return [f"Each of these would reduce the gap, but its fit or its numbers speak against it: {which}{more}."]

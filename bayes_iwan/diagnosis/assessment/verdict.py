@@ -61,9 +61,9 @@ def named_by(given: Sequence[Figures], sets: SetProbabilities) -> tuple[str, ...
 
 
 def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
-    """An effect and what else could be in its place, the likeliest first."""
+    """An effect and what else could be in its place, the likeliest first, and what takes a part of it."""
     there = {n: v for n, v in f.alternatives.items() if n not in NO_CAUSE and v > -c.apart}
-    return tuple(sorted(there, key=lambda n: -there[n]))
+    return (*sorted(there, key=lambda n: -there[n]), *f.beside)
 
 
 def one_of(given: Sequence[Figures], named: Sequence[str], sets: SetProbabilities, c: Calibration) -> tuple[OneOf, ...]:
@@ -72,7 +72,10 @@ def one_of(given: Sequence[Figures], named: Sequence[str], sets: SetProbabilitie
     out = []
     for f in given:
         some = candidates_of(f, c)
-        if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
+        fitted = f.alone if f.beside else f.fitted
+        if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or fitted < least_share(f.name, f.before):
+            continue
+        if any({*some} == {*x.names} for x in out):
             continue
         p = any_of(sets, some)
         if len(some) > 1 and p >= NAMED and not (f.has_held_out and f.held_out <= 0.0):
@@ -204,7 +207,7 @@ def _causes(
                 vague=vague,
                 held_out=None if on_held_out is None else on_held_out.measured,
                 held_out_by=" and ".join(dict.fromkeys(u.by for u in counted)) if on_held_out else "",
-                tied_with=tuple(n for n in candidates_of(f, c) if n != f.name),
+                tied_with=tuple(n for n in candidates_of(f, c) if n not in named),
                 figures=f,
                 gaps=on_held_out or on_fitted,
                 along=along if along is None or along >= LEAST_ALONG else 0.0,
