@@ -32,7 +32,7 @@ from bayes_iwan.diagnosis.assessment.budget import (
 )
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, any_of, calibration
 from bayes_iwan.diagnosis.assessment.sampled_fit import sampled_fit
-from bayes_iwan.diagnosis.assessment.verdict import refused, resembled, verdict_of
+from bayes_iwan.diagnosis.assessment.verdict import candidates_of, refused, resembled, verdict_of
 from bayes_iwan.diagnosis.constants import MOST_EFFECTS
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_model
@@ -303,21 +303,12 @@ def _next(
         return None
     whole, said = frozenset(found.search.chosen), {n for x in verdict.one_of for n in x.names}
     for f in sorted(found.figures, key=lambda f: -f.moved):
-        if refused(f) and f.name not in said:
-            continue
-        others = [
-            n
-            for n, v in sorted(f.alternatives.items(), key=lambda nv: -nv[1])
-            if n != f.name and n not in NO_CAUSE and v > -constants.apart
-        ]
+        others = [n for n in candidates_of(f, constants) if n != f.name]
         open_question = OPEN[0] < any_of(found.sets, {f.name}) < OPEN[1]
-        if not others and not open_question:
+        if (refused(f) and f.name not in said) or not (others or open_question):
             continue
         other = others[0] if others else "none"
-        if others:
-            fits = found.search.fit(found.asked), found.search.fit(found.asked - {f.name} | {other})
-        else:
-            fits = found.models.fits[whole], found.models.fits[whole - {f.name}]
+        fits = found.search.fit(whole), found.search.fit(whole - {f.name} | {*others[:1]})
         effects = found.search.effects
         bench = [effects[n][0].bench for n in (f.name, other) if n in effects]
         return next_test(data, *fits, (f.name, other), bench, campaign.limits)

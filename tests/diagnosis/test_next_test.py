@@ -104,17 +104,16 @@ def test_two_models_that_both_miss_much_promise_less(kit, monkeypatch):
 
 
 def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
-    """What removes nothing has left the set, but others were fitted beside it."""
-    fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("a"): "kept"}
+    fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("b"): "without"}
     place = Figures("a", 50.0, {"a": 0.0, "c": -2.0}, 0.4, 0.4, 0.4, moved=0.1, gap=0.1, before=0.1, tests=4)
-    search = SimpleNamespace(chosen=("a",), fit=lambda names: fits[frozenset(names)], effects={})
-    found = SimpleNamespace(
-        search=search, asked=frozenset("ab"), figures=(place,), fits=fits, sets={frozenset("a"): 1.0}
-    )
+    search = SimpleNamespace(chosen=("a", "b"), fit=lambda names: fits[frozenset(names)], effects={})
+    found = SimpleNamespace(search=search, figures=(place,), sets={frozenset("a"): 1.0})
     constants = SimpleNamespace(apart=30.0)
     monkeypatch.setattr(diagnosis, "next_test", lambda data, *asked: asked[:3])
     verdict, campaign = SimpleNamespace(kind=Kind.EXPLAINED, one_of=()), SimpleNamespace(limits=None)
     assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))
+    found.figures, found.sets = (replace(place, alternatives={"a": 0.0}),), {frozenset("a"): 0.8, frozenset("b"): 0.2}
+    assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "without", ("a", "none"))
     for change in ({"odd": "it is too slow"}, {"held_out": 0.0}, {"fitted": 1e-3}):  # what no sentence says
         found.figures, verdict.one_of = (replace(place, **change),), ()
         assert diagnosis._next(None, found, verdict, constants, campaign) is None

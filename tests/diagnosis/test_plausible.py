@@ -71,7 +71,8 @@ def test_a_number_far_from_its_prior_is_not_plausible(kit):
 
 def test_numbers_must_be_plausible_where_they_and_where_shares_are_from(kit, monkeypatch):
     found = kit.diagnosed("channel_delay").found
-    best, nearest = found.models.fits[found.asked], found.models.nearest[found.asked]
+    whole = frozenset(found.search.chosen)
+    best, nearest = found.models.fits[whole], found.models.nearest[whole]
     for odd in (best, nearest):
         monkeypatch.setattr(indicators, "implausible", lambda effect, fit, data, odd=odd: "odd" if fit is odd else "")
         figures = figures_of(found.search, found.models.sizes, nearest, found.held_out)

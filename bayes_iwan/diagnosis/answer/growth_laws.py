@@ -62,7 +62,7 @@ class LawSearch:
         f, a = np.array([x.frequency_hz for x in loops]), np.array([x.amplitude_mm for x in loops])
         self.f_powers = FREQUENCY_POWERS if f.max() > LEAST_RATIO * f.min() else np.zeros(1)
         self.a_powers = AMPLITUDE_POWERS if a.max() > LEAST_RATIO * a.min() else np.zeros(1)
-        self.frequencies = len(groups_of(f))
+        self.frequencies = len(groups_of(f.tolist()))
         shape = (f / f.max())[None, None] ** self.f_powers[:, None, None]
         shape = (shape * (a / a.max())[None, None] ** self.a_powers[None, :, None]).reshape(-1, len(f))
         linear, z = residual.fit.linear, residual.fit.z

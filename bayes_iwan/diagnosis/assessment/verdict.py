@@ -69,7 +69,7 @@ def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
 def one_of(given: Sequence[Figures], named: Sequence[str], sets: SetProbabilities, c: Calibration) -> tuple[OneOf, ...]:
     """Places that some cause probably fills, one of the catalogue's effects or of the base's form, though none is
     likely enough to be named."""
-    out = []
+    out: list[OneOf] = []
     for f in given:
         some = candidates_of(f, c)
         fitted = f.alone if f.beside else f.fitted
@@ -126,7 +126,6 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     """Name causes, give each its share of the gap, and say whether the unexplained part needs a cause of its own."""
     named = named_by(found.figures, found.sets)
     found.models.find(subsets(named))
-    unknown = unknown_cause(found, named, c)
     p = contributing(found.figures, found.sets)
     probabilities = {n: 0.0 for n in found.search.effects if n not in NO_CAUSE} | {
         n: v for n, v in p.items() if n not in NO_CAUSE
@@ -137,7 +136,7 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         probabilities[worst] = min(probabilities[worst], REFUSED)
         named = tuple(n for n in named if n != worst)
         causes = _causes(found, named, probabilities, c, held_out)
-        unknown = unknown_cause(found, named, c)
+    unknown = unknown_cause(found, named, c)
     likeliest = max(probabilities.values(), default=0.0)
     probabilities |= {"none": (1.0 - likeliest) * (1.0 - unknown), "unknown": unknown}
     flagged = unknown >= 0.5
