@@ -87,6 +87,7 @@ def answers(kit):
         "named, tied": turned(named, Kind.EXPLAINED, (alike,), p),
         "partly": turned(named, Kind.PARTLY, (c,), p | unknown | {"moving_mass": 0.61}, suspects=suspects),
         "tied groups only": turned(named, Kind.UNKNOWN, (), unknown | {"rate_strengthening": 0.6}, one_of=groups),
+        "named and a group": turned(named, Kind.PARTLY, (c,), p | unknown, one_of=fading),
         "unknown": turned(named, Kind.UNKNOWN, (), unknown, suspects=suspects),
         "drive": turned(named, Kind.DRIVE, (), {"drive": 0.9}, cornered=("t0.csv",), corners_gap=0.02),
         "single record": replace(turned(named, Kind.UNKNOWN, (), unknown), data=one_file),
@@ -97,7 +98,7 @@ def answers(kit):
 
 KINDS = (
     "none", "none, ties", "none, improbable", "named", "two named", "named, imitated", "named, within noise",
-    "fading or softening", "named, tied", "partly", "tied groups only", "unknown", "drive",
+    "fading or softening", "named, tied", "partly", "tied groups only", "named and a group", "unknown", "drive",
     "single record", "no clock", "not converged",
 )  # fmt: skip
 
@@ -156,6 +157,9 @@ def test_the_kinds_read_as_they_should(answers):
     assert probable in text["partly"]
     assert any(s.startswith("One of rate strengthening, viscous damping") for s in text["tied groups only"])
     assert any("0.97 that it has a cause: one of these or another)" in s for s in text["tied groups only"])
+    grouped = " ".join(text["named and a group"])
+    assert "(probability 0.97 that it has a cause: one of these or another)" in grouped
+    assert "nothing is named" not in grouped
     assert text["unknown"][1] == (
         "Cause unknown (probability 0.97). The gap is real, but no known effect explains it in all tests."
     )

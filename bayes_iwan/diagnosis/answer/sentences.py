@@ -260,8 +260,7 @@ def _unexplained(d: Diagnosis) -> str:
     if after.low_N <= 0.0 and not d.verdict.unknown_cause:
         return f"Unexplained: nothing beyond noise{_at_most(after)}."
     size = f"{share} of the gap, {force(after.rms_N)}, {percent(after.share)} of the friction force"
-    tied_only = d.verdict.one_of and not d.verdict.causes
-    if tied_only:
+    if d.verdict.one_of and not d.verdict.causes:
         size += ", since nothing is named"
     if kind is Kind.EXPLAINED:
         return f"Unexplained: {size}. A law that is slightly off leaves as much."
@@ -271,7 +270,7 @@ def _unexplained(d: Diagnosis) -> str:
         return f"Unexplained: {size}. Another form of the base model would leave less."
     if kind is Kind.DRIVE:
         return f"Unexplained: {size}. It may be the channels' or the specimen's."
-    what = "a cause: one of these or another" if tied_only else "a cause of its own"
+    what = "a cause: one of these or another" if d.verdict.one_of else "a cause of its own"
     return f"Unexplained: {size} (probability {probability(unexplained.probability)} that it has {what})."
 
 
