@@ -1,5 +1,6 @@
 """The answer of a diagnosis in one screen of plain sentences, and what colour its box has."""
 
+from bayes_iwan.diagnosis.answer.growth_laws import LEAST_RATIO
 from bayes_iwan.diagnosis.answer.imitation import Imitation, said_in_text
 from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.answer.result import Diagnosis
@@ -32,8 +33,6 @@ ALONG_SAID = 0.1
 SUBHARMONIC_SAID = 20.0
 #: share of the friction force that the base misses from which it is said not to describe the specimen at all
 NO_MODEL = 0.8
-#: ratio of the largest to the smallest frequency from which speed is distinguished from amplitude
-FREQUENCIES_DIFFER = 1.3
 #: effects that a record itself shows, whatever its frequency
 NO_TIME_CONSTANT = frozenset({"force_drift", "mains_interference"})
 #: base parameters at the edge that the text holds; the page holds all
@@ -249,7 +248,7 @@ def _imitation(x: Imitation, d: Diagnosis) -> str:
 def _frequencies_differ(d: Diagnosis) -> bool:
     """Or is it said already that all tests are alike?"""
     f = [loop.frequency_hz for loop in d.data.loops]
-    return max(f) >= FREQUENCIES_DIFFER * min(f) or not parted(d.data)
+    return max(f) >= LEAST_RATIO * min(f) or not parted(d.data)
 
 
 def _unexplained(d: Diagnosis) -> str:

@@ -114,29 +114,22 @@ def usual_form(given: Iterable[Figures]) -> frozenset[str]:
     return frozenset(f.name for f in given if f.name in MODEL_FORM and f.gap < LEAST_GAP)
 
 
-def unknown_cause(found: Weighed, named: Sequence[str], c: Calibration) -> float:
-    """Probability that what is left beside the named effects has a cause of its own."""
-    beside = frozenset(named) | usual_form(found.figures)
-    found.models.find([beside])
-    left = found.models.sizes[beside].all.resolved_share
-    return unknown_cause_probability(c.unknown_cause(left), found.figures, found.sets)
-
-
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
     """Name causes, give each its share of the gap, and say whether the unexplained part needs a cause of its own."""
     named = named_by(found.figures, found.sets)
     found.models.find(subsets(named))
     p = contributing(found.figures, found.sets)
-    probabilities = {n: 0.0 for n in found.search.effects if n not in NO_CAUSE} | {
-        n: v for n, v in p.items() if n not in NO_CAUSE
-    }
+    probabilities = {n: p.get(n, 0.0) for n in found.search.effects if n not in NO_CAUSE}
     causes = _causes(found, named, probabilities, c, held_out)
     while idle := [x for x in causes if _idle(x)]:
         worst = idle[-1].name  # the least share
         probabilities[worst] = min(probabilities[worst], REFUSED)
         named = tuple(n for n in named if n != worst)
         causes = _causes(found, named, probabilities, c, held_out)
-    unknown = unknown_cause(found, named, c)
+    beside = frozenset(named) | usual_form(found.figures)
+    found.models.find([beside])
+    by_size = c.unknown_cause(found.models.sizes[beside].all.resolved_share)
+    unknown = unknown_cause_probability(by_size, found.figures, found.sets)
     likeliest = max(probabilities.values(), default=0.0)
     probabilities |= {"none": (1.0 - likeliest) * (1.0 - unknown), "unknown": unknown}
     flagged = unknown >= 0.5
