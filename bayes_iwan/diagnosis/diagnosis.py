@@ -208,7 +208,7 @@ def _reported(
         after.all.share,
         tuple(places),
         None if pattern is None else pattern.name,
-        0.0 if pattern is None else 0.5 * (pattern.alone + pattern.fitted),
+        0.0 if pattern is None else pattern.fitted,
         found.subharmonic,
     )
     rng = np.random.default_rng([seed, 2])

@@ -159,6 +159,7 @@ def test_a_gap_resembles_what_removes_some_of_it_on_held_out_tests():
     steady = replace(SURE, name="lagging_force", gain=20.0)
     idle = replace(SURE, name="lagging_reading", gain=90.0, held_out=0.0)
     assert resembled([SURE, idle]) is None and resembled([idle, steady, SURE]) is steady
+    assert resembled([replace(steady, fitted=-0.019, alone=-0.039)]) is None
     once = replace(idle, held_out=np.nan)
     assert resembled([once, steady]) is once
 

@@ -103,8 +103,9 @@ def unknown_cause_probability(by_size: float, given: Iterable[Figures], sets: Se
 
 
 def resembled(given: Iterable[Figures]) -> Figures | None:
-    """The pattern without a cause that fits best; none that removes nothing on held-out tests."""
-    some = (f for f in given if f.name in NO_CAUSE and not f.held_out <= 0.0)
+    """The pattern without a cause that fits best; none that removes too little, or nothing on held-out tests."""
+    some = [f for f in given if f.name in NO_CAUSE and not f.held_out <= 0.0]
+    some = [f for f in some if f.fitted >= least_share(f.name, f.before)]
     return max(some, key=lambda f: f.gain, default=None)
 
 

@@ -31,7 +31,7 @@ TREND_HARMONICS = 7
 #: the mains' frequency is sought within this of 50 and 60 Hz
 MAINS_WANDER = 0.4
 #: nearer to a harmonic than this, in cycles over the record, the loops' own slow change leaks into a line, and as much
-#: beyond the harmonic
+#: beyond the harmonic: there a line counts that stands out from that
 LEAK = 4.0
 #: from record to record the mains' frequency wanders by so much (sd, Hz; large grids are held within 0.05 Hz)
 WANDERS_BY = 0.06
@@ -253,7 +253,7 @@ def _mains_frequency(loop: Loop, nominal: float) -> float:
 
 def _line(loop: Loop, hz: float) -> tuple[complex, float]:
     """Amplitude c + i s at a frequency in what averaging leaves of the record, and its standard error from the
-    neighbouring frequencies (median, so that a line beside does not count) and from what leaks."""
+    neighbouring frequencies (median, so that a line beside does not count)."""
     time = loop.record.time_s
     harmonic_hz = round(hz / loop.frequency_hz) * loop.frequency_hz
     away = abs(hz - harmonic_hz) / loop.frequency_hz * loop.n_cycles  # in cycles over the record; one is resolved
@@ -278,6 +278,8 @@ def _line(loop: Loop, hz: float) -> tuple[complex, float]:
     power = np.median([abs(v) ** 2 for v, share in beside if share >= LEAST_LEFT] or [np.inf])
     if away < LEAK:
         power = max(power, abs(fitted(2.0 * harmonic_hz - hz)[0]) ** 2)
+        if abs(value) ** 2 < LINE_STANDS * power:
+            return 0.0, np.inf
     return value, float(np.sqrt(0.5 * power / np.log(2.0) / max(kept, LEAST_LEFT)))
 
 
