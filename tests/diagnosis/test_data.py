@@ -119,6 +119,24 @@ def test_line_at_a_harmonic_says_nothing(kit):
     assert np.isinf(data.mains_noise_N[2]).all()
 
 
+def test_of_few_cycles_mains_are_found_beside_a_harmonic_unless_the_loops_leak_as_much(kit):
+    """Ten cycles: no frequency is five cycles over the record from every harmonic."""
+    tests = [(1280 / 175, 0.4), (1280 / 157, 0.9)]  # 1.6 and 1.3 cycles from the seventh and the sixth harmonic
+
+    def line_of(**options):
+        data = gap_data(kit.made_up(kit.specimen_force, tests, noise_N=0.01, cycles=10, **options).loops(**kit.small))
+        return np.abs(data.mains_N[:, 0]), data.mains_noise_N[:, 0]
+
+    line_N, noise_N = line_of(extra=hum(50.0, 0.05, 0.4))
+    np.testing.assert_allclose(line_N, 0.05, rtol=0.25)
+    assert np.all(line_N > 4.0 * noise_N)
+
+    def fading(time, test):
+        return np.exp(-time) * np.cos(2.0 * np.pi * (7, 6)[test] * tests[test][0] * time)
+
+    assert np.isinf(line_of(extra=fading)[1]).all()
+
+
 def test_mains_beside_a_harmonic_are_found_as_a_harmonic_that_turns(kit):
     """Tests at 10 Hz, whose fifth harmonic is nearer to the mains than a record resolves."""
     mains = (49.93, 50.01, 50.08, 50.04)

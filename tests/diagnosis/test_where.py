@@ -231,6 +231,17 @@ def test_one_frequency_tells_no_power_of_frequency():
     assert not any("frequency (power" in s or "frequency to the power" in s for s in where_sentences(found))
 
 
+def test_tests_whose_frequencies_a_drive_did_not_hold_are_of_one():
+    """Else single tests are compared, and what grows with amplitude is said to be at one frequency."""
+    uneven = [(f * (1.0 + 0.01 * i), a) for f in (5.0, 30.0) for i, a in enumerate((0.3, 0.6, 1.0))]
+    found, _ = looked(lambda u, v, a, n: 0.5 * u**3, tests=uneven)
+    assert [x.name for x in found.of("frequency")] == ["5.05 Hz", "30.3 Hz"]
+    assert [x.time for x in found.of("frequency")] == pytest.approx([0.5, 0.5])
+    assert [x.name for x in found.of("amplitude")] == ["0.3 mm", "0.6 mm", "1 mm"]
+    assert sum(x.share for x in found.of("frequency")) == pytest.approx(1.0, abs=0.02)
+    assert any(s.startswith("The gap does not depend on frequency") for s in where_sentences(found))
+
+
 def test_two_frequencies_leave_the_power_of_an_elastic_force_open():
     found, _ = looked(lambda u, v, a, n: 0.01 * a)
     law = found.laws[0]

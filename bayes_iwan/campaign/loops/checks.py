@@ -213,9 +213,9 @@ def _corners(loop: Loop) -> list[str]:
     if not loop.corners_gap:
         return []
     return [
-        "the drive has corners (a triangle, holds): it is kept whole, but a motion that turns at once is more than "
-        f"filtered channels pass. A gap of up to {100 * loop.corners_gap:.2g} % of the friction force may be "
-        "theirs, and `diagnose` lays that on nothing; run sines"
+        "the displacement has corners (a triangle, holds, a sensor's ripple): it is kept whole, but what turns "
+        f"at once is more than filtered channels pass. A gap of up to {100 * loop.corners_gap:.2g} % of the friction "
+        "force may be theirs, and `diagnose` lays that on nothing; run sines"
     ]
 
 
