@@ -3,13 +3,14 @@
     python analyses/mutation_score.py models --mutants 30 --seed 1 --out runs/mutants_models.json
 
 A mutant is the package with one operator, comparison, number or condition changed. Each runs in a copy of the
-repository against those tests of its folder that run its line, the quickest first, up to the first that fails; what
-takes ten times as long as the unchanged code and two minutes more is caught too (an endless loop). Which tests run a
-line is found by one run of each file of tests, whose outcome is kept in `runs/mutants` until the package or that file
-changes; tests that do not pass then (time budgets on a busy machine) are left out and named. Compiled code, whose lines
-nobody counts, and what runs on import are tried against all tests of the folder. Texts, types, messages and defaults of
-the command line are not changed. Survivors are printed with their line, so that a test can be written for each.
-Mutants of compiled code get an empty cache of Numba's, which does not see changes of functions that another file calls.
+repository against those tests of its folder that run its line, the quickest first, up to the first that fails or to
+`--seconds` of tests (the rest might catch more). What takes ten times as long as the unchanged code and two minutes
+more is caught too (an endless loop). Which tests run a line is found by one run of each file of tests, which is kept in
+`--kept` until the package or that file changes; tests that do not pass then (time budgets on a busy machine) are left
+out and named. Code that Numba compiles, whose lines nobody counts, and what runs on import are tried against all tests
+of the folder; such code with an empty cache, since Numba does not see changes of functions that another file calls.
+Texts, types, messages and defaults of the command line are not changed. Survivors are printed with their line, so that
+a test can be written for each.
 """
 
 from __future__ import annotations
@@ -39,11 +40,12 @@ from scipy.stats import beta
 
 Lines = dict[Path, dict[int, set[str]]]
 ROOT = Path(__file__).resolve().parents[1]
-#: tests of a folder's own, and those of effects that run its kernels; others would catch more, and take longer
+#: tests of a folder's own, and those of other folders that run its kernels or hold its priors; others would catch
+#: more, and take longer
 TESTS = {
     "models": ["tests/models", "tests/effects/test_series_elements.py", "tests/effects/test_effects.py"],
     "effects": ["tests/effects", "tests/virtual_rig/test_faults_against_effects.py"],
-    "inference": ["tests/inference"],
+    "inference": ["tests/inference", "tests/models/test_simulator.py"],
     "diagnosis": ["tests/diagnosis"],
 }
 OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
@@ -125,6 +127,16 @@ def mutants_of(path: Path) -> list[tuple[Mutant, int]]:
     return out
 
 
+def runs_compiled(text: str, line: int, imported: bool) -> bool:
+    """Is a line in a function that Numba compiles, or in a file that has some and among what runs on import?"""
+    tree = ast.parse(text)
+    made = [x for x in tree.body if isinstance(x, ast.Assign) and "jit(" in ast.unparse(x.value)]
+    names = {ast.unparse(target) for x in made for target in x.targets}
+    functions = [x for x in ast.walk(tree) if isinstance(x, ast.FunctionDef)]
+    compiled = [f for f in functions if any("jit" in d or d in names for d in map(ast.unparse, f.decorator_list))]
+    return any(imported or f.lineno <= line <= (f.end_lineno or 0) for f in compiled)
+
+
 def _text(text: str, k: int) -> str:
     """The file's text with its k-th changeable node changed."""
     tree = ast.parse(text)
@@ -199,6 +211,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--tests", nargs="+", help="files or folders of tests in the place of the folder's own")
     parser.add_argument("--files", nargs="+", help="mutate these files of the folder only (parts of their paths)")
+    parser.add_argument("--seconds", type=float, default=120.0, help="of tests that a mutant is tried against")
     parser.add_argument("--minutes", type=float, default=60.0, help="start no further mutant after so many")
     parser.add_argument("--kept", type=Path, default=ROOT / "runs/mutants", help="where what the tests run is kept")
     parser.add_argument("--out", type=Path, help="JSON with every mutant and what became of it")
@@ -225,15 +238,18 @@ def main() -> None:
         where = path.relative_to(copied)
         text = path.read_text(encoding="utf-8")
         these = ran.get(path, {}).get(mutant.line, set())
-        compiled = "jit(" in text or "_jit" in text
+        compiled = runs_compiled(text, mutant.line, imported="" in these)
         some = sorted(took if compiled or "" in these else these & took.keys(), key=took.__getitem__)
+        some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), args.seconds) + 1]
         passed, seconds = True, 0.0  # where no test runs the line
         if some:
+            unchanged = path.stat()
             path.write_text(_text(text, k), encoding="utf-8")
             cache = home / ("numba of a mutant" if compiled else "numba")
             passed, seconds = run_tests(copied, cache, some, 10.0 * sum(took[t] for t in some) + 120.0)
             shutil.rmtree(home / "numba of a mutant", ignore_errors=True)
-            shutil.copy2(ROOT / where, path)
+            path.write_text(text, encoding="utf-8")
+            os.utime(path, ns=(unchanged.st_atime_ns, unchanged.st_mtime_ns))  # Numba's cache goes by it
         done.append(
             Mutant(str(where), mutant.line, mutant.before, mutant.after, "lives" if passed else "caught", seconds)
         )
