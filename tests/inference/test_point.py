@@ -63,7 +63,7 @@ def test_optima_far_below_the_best_do_not_matter():
 
 
 def test_starts_200_nats_below_the_best_or_beside_a_better_one_are_not_refitted():
-    """Kept, they took 15 to 40 % more evaluations on measured campaigns and found no better maximum."""
+    """Kept, they took up to 31 % more evaluations on four measured campaigns and found no better maximum."""
     z = np.array([[0.0, 0.0], [0.2, -0.2], [0.0, 0.4], [3.0, 0.0], [0.0, 3.0]])
     log_prob = np.array([1000.0, 999.0, 990.0, 801.0, 799.0])
     assert _different(z, log_prob, tolerance=0.3) == [0, 2, 3]
