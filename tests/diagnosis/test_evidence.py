@@ -13,7 +13,7 @@ from bayes_iwan.diagnosis.constants import LARGE_DISCREPANCY
 from bayes_iwan.diagnosis.fits import evidence
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN, LENGTHS, SHARES, Discrepancy, DiscrepancySize, Linear
-from bayes_iwan.diagnosis.fits.evidence import _distinct, _grid, fit_model, in_newtons, predicting
+from bayes_iwan.diagnosis.fits.evidence import _distinct, _grid, _whole_share, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.fits.residuals import residual_of
@@ -109,6 +109,14 @@ def test_evidence_is_the_mean_over_the_grid_and_the_discrepancy_has_its_size(kit
     assert fit.log_evidence == pytest.approx(np.log(np.mean(np.exp(fit.log_z - fit.log_z.max()))) + fit.log_z.max())
     middle, low, high = fit.discrepancy_share
     assert SHARES[0] <= low < middle < high <= SHARES[-1] and middle < 0.01
+
+
+@pytest.mark.parametrize("factor", [1.0, 4.0])
+def test_the_share_of_the_discrepancy_is_between_those_that_are_as_likely(factor):
+    """1 and 4 % alike likely: the median is between them in logarithms; λ of 4 in every harmonic doubles all three."""
+    sizes = tuple(DiscrepancySize(share, 0.05, 0.0, (factor,) * 7) for share in (0.04, 0.01))
+    found = SimpleNamespace(sizes=sizes, log_z=np.array([-3.0, -3.0]))
+    assert _whole_share(7, found) == pytest.approx(np.array([0.02, 0.01, 0.04]) * np.sqrt(factor))
 
 
 def test_distinct_optima_best_first():
