@@ -130,6 +130,17 @@ def mutants_of(path: Path) -> list[tuple[Mutant, int]]:
     return out
 
 
+def statement_lines(text: str, line: int) -> range:
+    """Lines of the statement that a line is in, without its body: what runs is counted at any one of them."""
+    found = range(line, line + 1)
+    for x in ast.walk(ast.parse(text)):  # from the outermost inwards
+        if isinstance(x, ast.stmt):
+            body = getattr(x, "body", None)
+            lines = range(x.lineno, body[0].lineno if body else (x.end_lineno or x.lineno) + 1)
+            found = lines if line in lines else found
+    return found
+
+
 def runs_compiled(text: str, line: int, imported: bool) -> bool:
     """Is a line in a function that Numba compiles, or in a file that has some and among what runs on import?"""
     tree = ast.parse(text)
@@ -240,7 +251,8 @@ def main() -> None:
         path, mutant, k = found[int(i)]
         where = path.relative_to(copied)
         text = path.read_text(encoding="utf-8")
-        these = ran.get(path, {}).get(mutant.line, set())
+        mine = ran.get(path, {})
+        these = set().union(*(mine.get(n, ()) for n in statement_lines(text, mutant.line)))
         compiled = runs_compiled(text, mutant.line, imported="" in these)
         some = sorted(took if compiled or "" in these else these & took.keys(), key=took.__getitem__)
         some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), args.seconds) + 1]
