@@ -254,7 +254,9 @@ def main() -> None:
         mine = ran.get(path, {})
         these = set().union(*(mine.get(n, ()) for n in statement_lines(text, mutant.line)))
         compiled = runs_compiled(text, mutant.line, imported="" in these)
-        some = sorted(took if compiled or "" in these else these & took.keys(), key=took.__getitem__)
+        near = set().union(*mine.values())  # tests that run other lines of the file come before those of the folder
+        every = took if compiled or "" in these else these & took.keys()
+        some = sorted(every, key=lambda t: (t not in near, took[t]))
         some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), args.seconds) + 1]
         passed, seconds = True, 0.0  # where no test runs the line
         if some:
