@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bayes_iwan.diagnosis.answer.localisation import of_blocks
-from bayes_iwan.diagnosis.fits.gap_size import _along, gap_power_N2
+from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
+from bayes_iwan.diagnosis.fits.gap_size import _along, ceiling_N, gap_power_N2, moved_shares
 from bayes_iwan.diagnosis.fits.residuals import ALONG, LOOP, MEAN, residual_of
 from bayes_iwan.inference.results.predictions import residual_size
 
@@ -44,3 +45,31 @@ def test_the_gap_of_each_block_is_the_loops_and_what_the_block_differs_by(kit):
         np.testing.assert_allclose(force_N, wave + shift[:, None], atol=1e-9)
     np.testing.assert_allclose(low, rms)
     np.testing.assert_allclose(high, rms)
+
+
+def test_what_an_effect_moves_is_its_own_force_over_the_friction_level(kit):
+    """A dashpot's: c times the RMS velocity of all tests."""
+    search = kit.diagnosed("viscous_damping").search
+    fit, data = search.fit(search.chosen), search.data
+    values = fit.problem.parameter_values(fit.z[None])
+    c = float(values[next(e for e in fit.effects if e.name == "viscous_damping").strength_name][0])
+    force_N = c * 1e3 * data.steady_motion.velocity_m_s[0]  # N s/mm
+    expected = np.sqrt(np.mean(force_N**2) / np.mean(data.level_N**2))
+    assert expected > 0.02 and moved_shares(fit, data)["viscous_damping"] == pytest.approx(expected, rel=0.01)
+
+
+def test_no_effect_can_explain_what_is_as_smooth_as_the_discrepancy_that_was_found(kit):
+    """Without a discrepancy all of a residual of 3 N in the third harmonic is left beside noise, with a large one none;
+    a change along the record is as large as itself says, so that one of many times its noise is not left."""
+    search = kit.diagnosed(None).search
+    residual = residual_of(search.data, search.base)
+    value = np.zeros_like(residual.value)
+    value[:, (residual.kind == LOOP) & (residual.order == 3)] = 3.0
+    value[:, (residual.kind == ALONG) & (residual.order == 2) & (residual.contrast == 0)] = 50.0 * residual.noise.max()
+
+    def left_N(share):
+        fit = replace(search.base, size=DiscrepancySize(share, 0.05, 0.0))
+        return ceiling_N(replace(residual, value=value, fit=fit))
+
+    assert left_N(0.0) == pytest.approx(3.0 / np.sqrt(2.0), rel=1e-3)
+    assert left_N(100.0) < 0.01
