@@ -366,6 +366,7 @@ def test_quick_draws_lie_along_the_posterior_and_have_no_chains(run):
         assert np.std(near[name]) == pytest.approx(sd, rel=0.25), name
     assert quick.residual_size().share == pytest.approx(run[0].residual_size().share, rel=0.02)
     assert quick.z.shape == (4, 500, problem.ndim) and quick.log_prob.shape == (4, 500)
+    assert (quick.walkers, quick.thin) == (1, 1)
     rows = list(csv.DictReader(run_files.summary_csv(quick).splitlines()))
     assert [row["name"] for row in rows] == [row.name for row in quick.summary()]
     for row in rows:
