@@ -9,7 +9,7 @@ more is caught too (an endless loop). Which tests run a line is found by one run
 `--kept` until the package or that file changes; tests that do not pass then (time budgets on a busy machine) are left
 out and named. Code that Numba compiles, whose lines nobody counts, and what runs on import are tried against all tests
 of the folder; such code with an empty cache, since Numba does not see changes of functions that another file calls.
-Texts, types, decorators and messages are not changed. Survivors are printed with their line, so that
+Texts, types, decorators, messages and seeds are not changed. Survivors are printed with their line, so that
 a test can be written for each.
 """
 
@@ -69,7 +69,7 @@ class Mutant:
 
 
 def changeable(tree: ast.Module) -> Iterator[ast.AST]:
-    """Nodes that a mutant may change: no docstrings, annotations, decorators, messages of errors, representations."""
+    """Nodes that a mutant may change: no docstrings, annotations, decorators, messages of errors, representations, seeds."""
     stack: list[ast.AST] = [tree]
     while stack:
         node = stack.pop()
@@ -89,6 +89,8 @@ def changeable(tree: ast.Module) -> Iterator[ast.AST]:
             stack += [node.value] if node.value is not None else []
             continue
         if isinstance(node, ast.BinOp) and any(isinstance(x, ast.JoinedStr) for x in (node.left, node.right)):
+            continue
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("default_rng"):
             continue
         yield node
         stack += list(ast.iter_child_nodes(node))
