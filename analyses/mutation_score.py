@@ -69,7 +69,7 @@ class Mutant:
 
 
 def changeable(tree: ast.Module) -> Iterator[ast.AST]:
-    """Nodes that a mutant may change: no docstrings, annotations, decorators, messages of errors, representations, seeds."""
+    """Nodes that a mutant may change: no docstrings, annotations, decorators, messages, representations, seeds."""
     stack: list[ast.AST] = [tree]
     while stack:
         node = stack.pop()

@@ -339,6 +339,8 @@ def test_each_search_has_a_population_and_a_maximum_of_its_own(run):
     point = posterior.point
     assert point.each_z.shape == (2, posterior.ndim) and point.short_nats < 0.1
     assert not np.array_equal(point.each_z[0], point.each_z[1])
+    np.testing.assert_allclose(posterior.problem.log_prob(point.each_z), point.each_log_prob)
+    assert point.log_prob == max(point.each_log_prob) == pytest.approx(posterior.problem.log_prob(point.z[None])[0])
     stored = json.loads((out / "point.json").read_text())
     assert len(stored["most_probable"]["best_log_prob_of_each_search"]) == 2
 
