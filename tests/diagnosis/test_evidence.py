@@ -22,6 +22,7 @@ from bayes_iwan.diagnosis.search.fitted_sets import calibrated
 from bayes_iwan.effects import catalogue
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.sampling.run import EnsembleRun
 
 
 @pytest.fixture
@@ -186,6 +187,18 @@ def test_a_fit_is_sampled_with_the_discrepancy_beside_it(kit, monkeypatch):
     cut, worth = sampled_fit.sampled_fit(found.data, found.base, 1, lambda said: None)
     assert not worth.converged and worth.message and not cut.converged and np.array_equal(cut.z, found.base.z)
     assert np.all(np.linalg.eigvalsh(cut.covariance) > 0.0)
+
+
+def test_ctrl_c_ends_a_diagnosis_while_it_samples(kit, monkeypatch):
+    """The sampler ends with what it drew, here nothing; a diagnosis that goes on without would be no answer to it."""
+
+    def interrupted(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(EnsembleRun, "pilot", interrupted)
+    found = kit.diagnosed(None).search
+    with pytest.raises(KeyboardInterrupt):
+        sampled_fit.sampled_fit(found.data, found.base, 1, lambda said: None)
 
 
 def test_sampling_a_fit_converges_near_its_normal_approximation(kit):
