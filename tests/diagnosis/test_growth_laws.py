@@ -30,3 +30,7 @@ def test_at_the_end_of_the_grid_the_interval_ends_there_and_one_exponent_is_none
         GRID[-1] - (FALL + LOOSE * 115.0) / 5.0, abs=0.02
     )
     assert _profile(GRID[:1], np.ones(1), 1.0) is None
+
+
+def test_where_no_exponent_is_better_the_interval_is_the_whole_grid():
+    assert _profile(GRID, 400.0 - 1e-3 * (GRID - 0.5) ** 2, 1.0) == pytest.approx((0.5, GRID[0], GRID[-1]))
