@@ -119,6 +119,10 @@ def test_the_answers_sentence_names_the_cause_with_its_number_and_shares(viscous
 def test_a_gap_without_a_name_has_suspects(viscous):
     """Where no set but the base is probable the dashpot's gap is unknown; alone in the model it would remove it."""
     verdict = verdict_of(replace(viscous.found, sets={frozenset(): 1.0}), calibration())
+    # no effect contributes: then it is none or an unknown cause
+    assert verdict.probabilities["none"] + verdict.probabilities["unknown"] == pytest.approx(1.0)
+    sure = viscous.verdict.probabilities
+    assert sure["none"] + max(sure["viscous_damping"], sure["unknown"]) <= 1.0
     assert verdict.kind is Kind.UNKNOWN and viscous.verdict.suspects == ()
     shares = {x.name: x.share for x in verdict.suspects}
     left_N = residual_power_N(viscous, "viscous_damping") / residual_power_N(viscous)
