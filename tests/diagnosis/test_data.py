@@ -7,6 +7,7 @@ import pytest
 
 from bayes_iwan.campaign.loops.averaging import TRUSTED_BAND
 from bayes_iwan.diagnosis.fits.data import MAINS_HZ, TREND_HARMONICS, gap_data, predicted
+from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN, DiscrepancySize
 from bayes_iwan.diagnosis.fits.evidence import base_problem
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.effects.along_record import ForceDrift, ForceDriftByTest, MainsInterference
@@ -246,6 +247,20 @@ def test_predicted_third_harmonic_of_a_hum_is_locked_to_it(kit):
     mean, _, _ = difference(MainsInterference(kit.scales, files(still)), parameter_values, still, kit)
     np.testing.assert_allclose(mean, hums.harmonics_N - still.harmonics_N, atol=5e-5)
     assert np.all(np.abs(mean[:, 15]) > 0.014)
+
+
+def test_a_steady_model_pays_for_every_change_and_line_by_half_their_squares(data_of):
+    """Cosine and sine of each, in units of noise; alone, lines are all that its constant holds."""
+    data = data_of(noise_N=0.02, cycles=40, extra=hum(50.1, 0.05, 0.4))
+    changes, lines = (
+        float(np.sum(np.abs(x / noise) ** 2))
+        for x, noise in ((data.trend_N, data.trend_noise_N), (data.mains_N, data.mains_noise_N))
+    )
+    assert changes > 50.0 and lines > 50.0
+    cost = data.layout(BETWEEN[0], False).steady_cost(DiscrepancySize(0.3, 0.1, 0.0))
+    assert cost == pytest.approx(0.5 * (changes + lines))
+    unchanging = replace(data, trend_noise_N=np.full_like(data.trend_noise_N, np.inf))
+    assert unchanging.layout(BETWEEN[0], False).constant == pytest.approx(-0.5 * lines)
 
 
 def files(data):

@@ -33,3 +33,7 @@ def test_at_the_end_of_the_grid_the_interval_is_open_and_one_exponent_is_none():
     assert _profile(GRID, 100.0 - 5.0 * GRID, 1.0)[:2] == (GRID[0], -np.inf)
     assert _growth("amplitude", (best, low, high)) == "" != _growth("amplitude", (best, low, best))
     assert _profile(GRID[:1], np.ones(1), 1.0) is None
+
+
+def test_where_no_exponent_is_better_the_interval_is_the_whole_grid():
+    assert _profile(GRID, 400.0 - 1e-3 * (GRID - 0.5) ** 2, 1.0) == pytest.approx((0.5, GRID[0], GRID[-1]))

@@ -308,3 +308,12 @@ def test_a_limit_of_the_force_is_the_channel_s_only_where_a_record_shows_its_lev
     clipped = replace(limited, clipped=tuple(Limit(f, "force", 1, 3.2, True, True, 0.1) for f in files))
     text = " ".join(sentences(clipped))
     assert "may be clipped in 4 of 4 tests" in text and "Raise the force range and repeat" in text
+
+
+@pytest.mark.parametrize(("more", "said"), [(0.11, True), (0.09, False), (-0.2, False)])
+def test_what_changes_along_the_record_is_said_where_a_cause_removes_clearly_more_of_it(kit, more, said):
+    found = kit.diagnosed("viscous_damping")
+    (first, *_) = found.verdict.causes
+    cause = replace(first, along=first.share.value + more)
+    text = " ".join(sentences(turned(found, Kind.EXPLAINED, [cause], {cause.name: 0.95})))
+    assert (f"and {percent(cause.along)} of what changes along the records" in text) == said

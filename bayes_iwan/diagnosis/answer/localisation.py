@@ -161,9 +161,7 @@ def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> 
 def along_cycle(residual: Residual, value: np.ndarray) -> Array:
     """(…, T, samples) residual force in N on the loops' phases from (…, T, M) complex numbers, means omitted."""
     samples = len(residual.data.loops[0].phase)
-    whole = np.zeros((*value.shape[:-1], samples // 2 + 1), dtype=complex)
-    use = np.flatnonzero(residual.kind <= MEAN)[: whole.shape[-1] - 1]
-    whole[..., : len(use)] = value[..., use] * (0.5 * samples)
+    whole = value[..., residual.kind <= MEAN] * (0.5 * samples)
     whole[..., 0] = 0.0
     return fft.irfft(whole, n=samples, axis=-1)
 

@@ -213,7 +213,7 @@ def _turning(loop: Loop, centre: float, typical_N: float) -> float:
     """
     time, order = loop.record.time_s, round(centre / loop.frequency_hz)
     noise = loop.noise_N[order] if order < len(loop.noise_N) else np.inf
-    if not np.isfinite(noise) or typical_N <= 0.0:
+    if not np.isfinite(noise):
         return centre
     remaining = loop.left_over(loop.record.force_N)
     white = 0.5 * noise**2 * len(remaining)  # variance a sample that makes this error of a harmonic
