@@ -360,13 +360,14 @@ def test_a_base_beside_another_choice_of_a_model_is_refused_before_anything_is_r
 def test_the_next_test_is_between_a_cause_and_what_explains_the_data_nearly_as_well(monkeypatch):
     """Of the effect that moves most; where no other one comes near, between it and none while that is in question."""
     monkeypatch.setattr(diagnosis, "next_test", lambda data, *fits_and_pair: fits_and_pair[:3])
+    monkeypatch.setattr(diagnosis, "refused", lambda figures: "")
     search = SimpleNamespace(chosen=("drag", "play"), effects={}, fit=lambda names: "+".join(sorted(names)))
     fits = {frozenset(x): "+".join(x) for x in (("drag",), ("play",), ("drag", "play"))}
     far = -2.0 * calibration().apart
     near = {"lag": 0.5 * far * 0.9, "play": 0.0, "mass": -0.1, "wave": far}
 
     def planned(drag, play, sure=0.5):
-        figures = [SimpleNamespace(name=n, moved=m, odd=False, alternatives=a) for n, m, a in (drag, play)]
+        figures = [SimpleNamespace(name=n, moved=m, odd=False, alternatives=a, beside=()) for n, m, a in (drag, play)]
         sets = {frozenset({"drag", "play"}): sure}
         found = SimpleNamespace(
             search=search, figures=figures, sets=sets, asked=frozenset(search.chosen), models=SimpleNamespace(fits=fits)
