@@ -166,8 +166,6 @@ def test_headings_merged_over_several_rows_name_each_column(tmp_path):
 @pytest.mark.parametrize(
     ("start", "what"),
     [
-        ('[{"t": 0.1, "x": 2}, {"t": 0.2, "x": 3}]', "JSON"),
-        ('{"t": [0.1, 0.2], "x": [3, 4]}', "JSON"),
         ("<table><tr><td>1</td></tr></table>", "XML or HTML"),
         ("CDF\x01" + 99 * "\0", "netCDF 3"),
         ("FORMAT" + 99 * "\0", "no text, .* export it as CSV"),
@@ -249,3 +247,7 @@ def test_a_force_along_x_is_no_displacement(tmp_path):
             tmp_path, text, recipe=Recipe({"force": "ft.force.x"}, {"force": "N", "displacement": "um", "time": "s"})
         )
     )
+
+
+def test_a_revolution_is_an_angle():
+    assert split_name("Angle (rev)") == ("Angle", "rev") and role_of("rev") == "displacement"

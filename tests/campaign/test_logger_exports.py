@@ -3,6 +3,8 @@
 Each form is written after the program's own exports: its preamble, its marks, its units and its side channels.
 """
 
+import json
+
 import numpy as np
 import pytest
 
@@ -37,6 +39,23 @@ def french(values, digits=6):
     return [f"{v:,.{digits}f}".replace(",", "\u202f").replace(".", ",") for v in values]
 
 
+_T, _X, _F = ([round(float(v), 6) for v in values] for values in (T, X, F))
+#: a value of JSON, and what must be said of it
+JSON = {
+    "columns": ({"time_s": _T, "disp_mm": _X, "force_N": _F}, {}),
+    "records": ([{"t_s": t, "stage": {"disp_mm": x}, "force_N": f} for t, x, f in zip(_T, _X, _F)], {}),
+    "rows": ([[t, x, f] for t, x, f in zip(_T, _X, _F)],
+             {"channels": {"time": "1", "displacement": "2", "force": "3"},
+              "units": {"time": "s", "displacement": "mm", "force": "N"}}),
+    "split": ({"columns": ["time_s", "disp_mm", "force_N"], "index": list(range(N)),
+               "data": [[t, x, f] for t, x, f in zip(_T, _X, _F)]}, {}),
+    "pandas": ({k: dict(enumerate(v)) for k, v in (("time_s", _T), ("disp_mm", _X), ("force_N", _F))}, {}),
+    "settings": ({"meta": {"sample_rate_hz": RATE}, "units": {"disp": "mm", "force": "N"},
+                  "data": {"disp": _X, "force": _F}}, {}),
+    "rates": ({"channels": [{"name": "disp", "unit": "mm", "sample_rate": RATE, "values": _X},
+                            {"name": "force", "unit": "N", "sample_rate": RATE / 2, "values": _F[::2]}]}, {}),
+    "gaps": ({"time_s": _T, "disp_mm": [None, *_X[1:]], "force_N": [*_F[:-1], float("nan")]}, {}),
+}  # fmt: skip
 TEK = [
     "Record Length,1.0e+03,", "Sample Interval,2.000000e-03,", ",,", "Source,CH1,", "Vertical Units,V,", "Pt Fmt,Y,",
     "Model Number,TBS1072B,", "Firmware Version,FV:v4.06,",
@@ -197,6 +216,17 @@ FORMS = {
     "matlab_timetable": (table(["Time,disp_mm,force_N"], [f"{t:.3f} sec" for t in T], X, F), {}),
     "json_lines": ("".join(f'{{"t": {t:.4f}, "disp_mm": {x:.5f}, "force_N": {f:.3f}}}\n' for t, x, f in zip(T, X, F)),
                    {}),
+    **{f"json_{name}": (json.dumps(value), options) for name, (value, options) in JSON.items()},
+    "interval_and_its_unit": (table(["Sampling interval,2000,us", "Disp (mm),Force (N)"], X, F), {}),
+    "step_unit_below": (table(["X increment: 2", "X unit: ms", "Disp (mm);Force (N)"], X, F, separator=";"), {}),
+    "step_unit_of_each": (table(["X-Einheit:;ms;ms", "X-Delta:;2;2", "Zeit;Weg (mm);Kraft (N)"], [""] * N, X, F,
+                                separator=";"), {}),
+    "separators_behind_rows": (table(["Time (s);Disp (mm);Force (N)"], T, X, F, [""] * N, [""] * N, separator=";"), {}),
+    "ruler": (table(["time (s) | disp (mm) | force (N)", "--- | --- | ---"], T, X, F, separator=" | "), {}),
+    "remarks_with_commas": (table(["time_s,disp_mm,force_N"], T, X, F).replace("\n0.3", "\n% pause 3,5,7\n0.3", 1), {}),
+    "excel_errors": (table(["time_s,disp_mm,force_N"], T, X, ["#DIV/0!", *map("{:.6f}".format, F[1:])]), {}),
+    "sensor_behind_unit": (table(["Time (s),Disp [mm] (LVDT 1),Force [N] (cell A)"], T, X, F), {}),
+    "utc": (table(["time,disp_mm,force_N"], clock("%Y-%m-%d %H:%M:%S.%f UTC"), X, F), {}),
     "pandas_timedelta": (table(["time,disp_mm,force_N"], [f"0 days 00:00:{t:09.6f}" for t in T], X, F), {}),
     "milliseconds_without_zeros": (
         table(["Time;Disp (mm);Force (N)"], [f"12:00:{round(1e3 * t) // 1000:02d}.{round(1e3 * t) % 1000}" for t in T],
@@ -259,3 +289,55 @@ def test_what_is_asked_of_channels_that_are_not_chosen_yet_is_asked_at_once(tmp_
     (tmp_path / "a.csv").write_text(table(["t (s),force.x,force.z,pos"], T, F, F + 1, X))
     with pytest.raises(CampaignError, match=r'--force "NAME" --unit "force=UNIT" --unit "displacement=UNIT"'):
         import_tests([tmp_path / "a.csv"])
+
+
+@pytest.mark.parametrize(
+    ("head", "columns", "asked"),
+    [
+        ("Sample rate: 5000 Hz\nDecimation: 10\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Sample rate: 5000 Hz\nSaved: every 10th sample\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Sample rate: 5000 Hz\nAveraging: 10\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Scan rate: 5000 Hz\nStorage rate: 500 Hz\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Sample rate: 30000 /min\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Sampling interval: 2\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Time (1/100 s),Disp (mm),Force (N)", (100 * T, X, F), r"'Time \(1/100 s\)' goes up by .* no unit"),
+        ("Zeit in 1/10 s;Weg in mm;Kraft in N", (10 * T, X, F), "'Zeit in 1/10 s' goes up by .* no unit"),
+        ("Time s;Disp 0.01 mm;Force N", (T, 100 * X, F), "states no unit"),
+        ("Time (s),Disp (mm) [um],Force (N)", (T, X, F), "states no unit"),
+        ("Time (s),Disp (mm),Force (%)", (T, X, F), r"is in %: what is a sample of 1\?"),
+    ],
+)
+def test_a_rate_or_unit_that_may_be_another_is_asked(tmp_path, head, columns, asked):
+    """Samples that were thinned, steps of nobody knows what, and numbers before a unit."""
+    (tmp_path / "a.csv").write_text(table([head], *columns, separator=";" if ";" in head else ","))
+    with pytest.raises(CampaignError, match=asked):
+        import_tests([tmp_path / "a.csv"])
+
+
+def test_a_rate_that_a_time_channel_contradicts_is_not_passed_over(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["Time [samples],Disp (mm),Force (N)"], np.arange(N), X, F))
+    with pytest.raises(CampaignError, match=r"500 samples a second as you say, 1 by 'Time .*--time none"):
+        import_tests([tmp_path / "a.csv"], Recipe(sample_rate_hz=500))
+    (test,) = import_tests([tmp_path / "a.csv"], Recipe(sample_rate_hz=500, channels={"time": "none"}))
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"), [('{"t": [0.1, 0.2', "damaged JSON"), ('{"a": [1, 2]}', "no signals of 16 samples")]
+)
+def test_json_that_holds_no_recording(tmp_path, text, what):
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(CampaignError, match=what):
+        import_tests([tmp_path / "a.json"])
+
+
+def test_hidden_sheets_are_left_out(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for sheet, size in ((book.active, 1.0), (book.create_sheet("old"), 2.0)):
+        for row in [("Time (s)", "Disp (mm)", "Force (N)"), *zip(_T, (size * X).tolist(), (size * F).tolist())]:
+            sheet.append(row)
+    book["old"].sheet_state = "hidden"
+    book.save(tmp_path / "a.xlsx")
+    (test,) = import_tests([tmp_path / "a.xlsx"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)

@@ -123,7 +123,7 @@ def unit_asked(some: Sequence[Channel], role: str, recipe: Recipe) -> list[Quest
             asked["--unit", "50 N"] = f"is in {unit}, a bridge's ratio: what load is 1 {unit}?"
         elif is_volts(unit):
             asked["--sensitivity", TRANSDUCER[role]] = f"is in {unit}: of what transducer?"
-        elif is_ratio(unit):
+        elif is_ratio(unit) and role != "force":
             what = "say the length that it is of (50 mm for samples in mm/mm, gauge 50 mm)."
             asked["--unit", "50 mm"] = f"is in {unit}, a ratio and no {role}: {what}"
         elif role not in recipe.units and not may_be(unit, role):

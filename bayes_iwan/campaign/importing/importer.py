@@ -248,7 +248,7 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
                 step = float(np.median(steps))
                 if (steps >= 1.0).all() and (steps == np.rint(steps)).all():
                     return [Question("--unit", "time", "ms", _WHOLE.format(time.name, step))]
-                if 0 < step < SHORTEST_STEP_S or re.search(r"[\[({<]\s*[^\W\d]", time.name):
+                if 0 < step < SHORTEST_STEP_S or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name):
                     return [Question("--unit", "time", "ms", _UNKNOWN.format(time.name, step))]
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
                 return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]

@@ -24,10 +24,6 @@ OTHERS = (
     (rb"ARROW1", "an Arrow or Feather file; save it as Parquet: table.to_parquet(...)"),
     (rb"CDF[\1\2\5]", "a netCDF 3 file; save it as netCDF 4: nccopy -k nc4 old.nc new.nc"),
     (rb"(\xef\xbb\xbf)?\s*<", "XML or HTML; save its table as CSV or .xlsx"),
-    (
-        rb"\s*(\[\s*[\[{]|\{\s*\"[^\"]*\"\s*:\s*[\[{])",
-        "JSON; save it as CSV, or with one object of plain numbers a line",
-    ),
 )
 #: what a folder of recordings may hold besides
 OTHER_FILES = (".toml", ".md", ".html", ".json", ".tdms_index", ".png")

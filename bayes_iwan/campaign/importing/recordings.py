@@ -63,12 +63,7 @@ class Recording:
 
 
 def channel(
-    name: str,
-    unit: str,
-    given: ArrayLike,
-    rate_hz: float | None = None,
-    start_s: float | None = None,
-    group: str = "",
+    name: str, unit: str, given: ArrayLike, rate_hz: float | None = None, start_s: float | None = None, group: str = ""
 ) -> Channel | None:
     """A channel from what a library gave; None for texts, settings and complex numbers."""
     values = np.asarray(given)

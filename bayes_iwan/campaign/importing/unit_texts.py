@@ -20,10 +20,10 @@ ROLES: dict[str, dict[str, str]] = {
 _OTHER = ("volt", "ampere", "kelvin", "hertz", "coulomb", "meter/second", "ohm", "count")
 #: of the thousand units of pint those that recorders write, by its names: others are words and letters in a heading
 _UNITS = frozenset(
-    "meter inch foot thou micron degree radian arcminute arcsecond turn second minute hour day newton force_pound "
-    "kip force_kilogram force_gram force_metric_ton force_ounce pascal bar pound_force_per_square_inch torr meter_Hg "
-    "kip_per_square_inch standard_atmosphere standard_gravity galileo volt ampere kelvin hertz ohm coulomb joule watt "
-    "gram count".split()
+    "meter inch foot thou micron degree radian arcminute arcsecond turn second minute hour day newton "
+    "force_pound kip force_kilogram force_gram force_metric_ton force_ounce pascal bar pound_force_per_square_inch "
+    "torr meter_Hg kip_per_square_inch standard_atmosphere standard_gravity galileo volt ampere kelvin hertz ohm "
+    "coulomb joule watt gram count".split()
 )
 _PREFIXES = {"", "pico", "nano", "micro", "milli", "centi", "deca", "hecto", "kilo", "mega", "giga"}
 _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "revolution")
@@ -33,8 +33,8 @@ _WORDS = {
     "Ms": "ms", "Min": "min", "kn": "kN", "dan": "daN", "pa": "Pa", "kpa": "kPa", "hz": "Hz", "knm": "kN*m",
     "ncm": "N*cm", "nmm": "N*mm", "lb": "lbf", "lbs": "lbf", "pounds": "lbf", "oz": "ozf", "in": "inch", "kg": "kgf",
     "kgs": "kgf", "kp": "kgf", "mp": "tf", "kg-f": "kgf", "kg.f": "kgf", "lb-f": "lbf", "gn": "g_0", "gee": "g_0",
-    "gees": "g_0", "g's": "g_0", "grad": "deg", "umdr": "turn", "cycle": "count", "cycles": "count", '"': "inch",
-    "mil": "thou", "mils": "thou", "mikrometer": "um", "sek": "s", "sekunden": "s", "secondes": "s",
+    "gees": "g_0", "g's": "g_0", "grad": "deg", "umdr": "turn", "rev": "turn", "cycle": "count", '"': "inch",
+    "cycles": "count", "mil": "thou", "mils": "thou", "mikrometer": "um", "sek": "s", "sekunden": "s", "secondes": "s",
     "millisekunden": "ms", "minuten": "min", "stunden": "hour", "std": "hour", "°c": "kelvin", "degc": "kelvin",
     "мм": "mm", "см": "cm", "м": "m", "мкм": "um", "н": "N", "кн": "kN", "дан": "daN", "кгс": "kgf", "тс": "tf",
     "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "мин": "min", "в": "V", "мв": "mV", "град": "deg", "м/с2": "m/s**2",
@@ -46,6 +46,7 @@ _BARE = frozenset(
     "mm um µm μm nm cm m in inch inches ft thou deg degrees rad mrad N kN mN newton newtons lbf kip kgf Nm kNm mNm Pa "
     "kPa MPa bar mbar psi s ms us µs ns sec seconds min g mg m/s2 m/s² m/s^2 mm/s2 rad/s2 deg/s2 V mV".split()
 )
+_FACTOR = re.compile(r"(?:\d/\d+|\d[.,]\d+|\bin \d+)\s*$")  # before a unit: 1/10 s, 0.01 mm
 _WIDE = str.maketrans("（）［］／，：", "()[]/,:")  # signs as wide as a Chinese character
 _THOUSANDS = re.compile(r"[1-9]\d{0,2}(,\d{3})+")
 
@@ -182,16 +183,21 @@ def split_name(name: str) -> tuple[str, str]:
     """Name and unit from 'Force [kN]', 'Weg in mm', 'Kraft / N', 'force_N'; the unit is "" where there is none."""
     name = name.translate(_WIDE).strip(" ;,")
     found = re.fullmatch(r"(.+?)\s*[\[({<]([^\[\](){}<>]+(?:\([^()]*\))?)[\])}>]", name)
-    if found and re.search(r"[^\W\d_]|[°%\"]", found[2]):
-        known = is_unit(found[2]) or is_ratio(found[2])
-        return (found[1].strip(), found[2].strip()) if known else (name, "")
+    found = found if found and re.search(r"[^\W\d_]|[°%\"]", found[2]) else None
+    if found:
+        if contradict(split_name(found[1])[1], found[2]):
+            return name, ""
+        if is_unit(found[2]) or is_ratio(found[2]):
+            return found[1].strip(), found[2].strip()
     for within in re.finditer(r"\s*[\[({<]([^\[\](){}<>]+)[\])}>]\s*", name):  # [mm] Weg, Force (N) Run 1
         if role_of(within[1]) or is_volts(within[1]):
             return f"{name[: within.start()]} {name[within.end() :]}".strip(), within[1].strip()
+    if found:
+        return name, ""
     for pattern in (r"(.+?)\s+in\s+(\S+)", r"(.+?)\s*/\s*(\S+)", r"(.+?)\s*[,:]\s*(\S+)", r"(.+?)\s+(?:-\s+)?(\S+)"):
         found = re.fullmatch(pattern, name)
         if found and (_bare(found[1], found[2]) if "[" in pattern or "-" in pattern else _is_word_unit(found[2])):
-            return found[1].strip(), found[2].strip()
+            return (name, "") if _FACTOR.search(found[1]) else (found[1].strip(), found[2].strip())
     parts = name.split("_")
     if len(parts) > 2 and parts[-1] == "s" and may_be(parts[-2], "displacement"):
         return "_".join(parts[:-2]), f"{parts[-2]}/s"  # a velocity, no time

@@ -11,11 +11,12 @@ from bayes_iwan.arrays import Array
 
 _DATE = r"\d{1,4}[-./ ](?:\d{1,2}|[A-Za-z]{3})[-./ ]\d{1,4}"
 _TIME = r"\d{1,2}:\d{1,2}(?::\d{1,2})?(?:[.,:]\d+)?(?: ?[AaPp]\.?[Mm]\.?)?"
-STAMP = re.compile(rf"(?:{_DATE})?(?:[ T,]+)?(?:{_TIME})?(?:Z|[+-]\d\d:?\d\d)?(?<=\w\w|\w\.)")
+_ZONE = r"(?:Z|[+-]\d\d:?\d\d| (?:UTC|GMT))?"
+STAMP = re.compile(rf"(?:{_DATE})?(?:[ T,]+)?(?:{_TIME})?{_ZONE}(?<=\w\w|\w\.)")
 _DATE_ONLY = re.compile(_DATE)
 _PARTS = (
     rf"^(?:(?P<date>{_DATE})[ T,]+)?(?P<a>\d{{1,2}}):(?P<b>\d{{1,2}})(?::(?P<c>\d{{1,2}}))?(?:[.,:](?P<f>\d+))?"
-    r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?:Z|[+-]\d\d:?\d\d)?$"
+    r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?" + _ZONE + "$"
 )
 _MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
 #: 20240301 115958.123, 20240301T115958

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, stated_rate
+from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, rate_of_step, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
 from bayes_iwan.campaign.importing.formats.lvm import END_OF_HEADER, read_lvm
+from bayes_iwan.campaign.importing.formats.matlab import read_json
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
     MISSING,
@@ -42,6 +43,8 @@ def read_text(path: Path, file: str, layout: Layout) -> list[Recording]:
     text, encoding = decoded(file, read_bytes(path, file), layout.encoding)
     if text.startswith("LabVIEW Measurement") and text.count(END_OF_HEADER) > 1:
         return read_lvm(file, text)
+    if (found := read_json(file, text)) is not None:
+        return found
     return _read(file, plain_rows(text), layout, "", encoding)
 
 
@@ -60,6 +63,9 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     if not names and [style.cells(line)[0] for line in head[first : first + 3]] == ["1", "2", "3"]:
         found = names_and_units(above, style, width - 1)  # R does not head the numbers of its rows
         names, units = (["", *x] if x else x for x in found)
+    filled = max(k for x in head[first : first + 50] for k, c in enumerate(style.cells(x), 1) if c)
+    if not names and filled < width:  # a separator behind each row and not behind the names
+        names, units = names_and_units(above, style, filled)
     if names and (all(is_unit(x) for x in names) or all(style.is_number(x) for x in names if x)):
         names = [f"column {k + 1}" for k in range(len(names))]
     said = (
@@ -123,9 +129,9 @@ def _without_summary(body: str, style: Style) -> tuple[str, tuple[str, ...]]:
 
 def _without_remarks(body: str) -> tuple[str, tuple[str, ...]]:
     """The body with lines that begin as remarks do made empty, and a word on them."""
-    if not re.search(r"\n[ \t]*(#|//|!)", body):
+    if not re.search(r"\n[ \t]*(#|//|!|%)", body):
         return body, ()
-    body, n = re.subn(r"(?m)^[ \t]*(#(?!IND|N/A|INF|OVER)|//|!).*$", "", body)
+    body, n = re.subn(r"(?m)^[ \t]*(#(?!IND|N/A|INF|OVER)|//|!|%).*$", "", body)
     return body, (f"{n} line(s) of remarks dropped",)
 
 
@@ -207,10 +213,8 @@ def _words(cell: object) -> bool:
 
 def _has_header(body: str, style: Style) -> bool:
     """Whether a line of names stands within the numbers: two texts or more, and no number."""
-    for line in body.split("\n"):
-        if re.search(r"[^\W\d_]{2}", line) and _is_header(style.cells(line), style):
-            return True
-    return False
+    lines = (x for x in body.split("\n") if re.search(r"[^\W\d_]{2}", x))
+    return any(_is_header(style.cells(x), style) for x in lines)
 
 
 def _is_header(cells: list[str], style: Style) -> bool:
@@ -273,10 +277,8 @@ def _recording(
             name = labels.get("source", name)
         unit = unit.strip() or units[k] or _unit_of(name, labels, k == numeric[0], k == numeric[-1])
         heading = names[k] + (f" ({units[k]})" if units[k] else "")
-        values, own = table[k].to_numpy(dtype=float), steps.get(k, 0.0)
-        channels[k] = Channel(
-            name or f"column {k + 1}", unit, values, 1 / own if own > 0 else None, starts.get(k), heading=heading
-        )
+        values, own = table[k].to_numpy(dtype=float), rate_of_step(steps[k], above) if k in steps else None
+        channels[k] = Channel(name or f"column {k + 1}", unit, values, own, starts.get(k), heading=heading)
     began = next((x[2] for k, v in labels.items() if STARTS.fullmatch(k) and "." in v and (x := seconds([v]))), None)
     if not any(role_of(c.unit) == "time" for c in channels.values()):
         clocks, said, first = _clocks({k: table[k] for k in used if k not in numeric}, names)
@@ -289,8 +291,9 @@ def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:
     """Numbers or stamps of a row above the table, by column: stamps in seconds from the first one."""
     there = {k: c for k, c in enumerate(cells) if c}
     found = {k: x for k, c in there.items() if style.is_number(c) and (x := _number(c, style)) is not None}
-    stamps = seconds(list(there.values())) if there and not found else None
-    return found if stamps is None else {k: float(x) for k, x in zip(there, stamps[0])}
+    if there and not found and (stamps := seconds(list(there.values()))) is not None:
+        return {k: float(x) for k, x in zip(there, stamps[0])}
+    return found if len(found) == len(there) else {}  # not "5, ms": a number and its unit
 
 
 def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...], float]:

@@ -16,7 +16,8 @@ from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES
 from bayes_iwan.campaign.importing.unit_texts import is_unit, is_volts, role_of
 from bayes_iwan.campaign.recording.records import CampaignError
 
-MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "#N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
+MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
+MISSING += ["#N/A", "#DIV/0!", "#VALUE!", "#NUM!", "#REF!", "#NAME?"]  # Excel's
 #: what recorders write where the range was passed, without the marks (#OVER, <OL>) and the sign around it
 _PASSED = {"∞", "inf", "infinity", "1.#inf", "ol", "ovl", "over", "overrange", "overflow", "overload", "ovfl", "ovld"}
 _PASSED |= {"ovrflw", "saturated", "saturation", "clipped", "clipping"}
@@ -274,7 +275,7 @@ def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[st
     if any(names) and (any(units) or words_of_roles(names)):
         return names, _bare(units)
     fitting: list[list[str]] = []
-    for line in reversed([line for line in lines if line.strip()]):
+    for line in reversed([line for line in lines if re.search(r"[^\W_]", line)]):
         line = re.sub(r"^\s*(#|//|%|!)\s*", "", line)
         cells = style.cells(line)
         if style.separator == r"\s+" and len(cells) > width == len(spaced := re.split(r"\t|\s{2,}", line.strip())):
