@@ -323,7 +323,12 @@ def test_a_rate_that_a_time_channel_contradicts_is_not_passed_over(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "what"), [('{"t": [0.1, 0.2', "damaged JSON"), ('{"a": [1, 2]}', "no signals of 16 samples")]
+    ("text", "what"),
+    [
+        ('{"t": [0.1, 0.2', "damaged JSON"),
+        ('{"a": [1, 2]}', "no signals of 16 samples"),
+        (f'{{"a": [{", ".join(["9" * 400] * 16)}]}}', "No channel is known as force"),  # larger than any number
+    ],
 )
 def test_json_that_holds_no_recording(tmp_path, text, what):
     (tmp_path / "a.json").write_text(text)

@@ -63,7 +63,7 @@ def read_matlab(path: Path, file: str) -> list[Recording]:
 def read_json(file: str, text: str) -> list[Recording] | None:
     """The columns and rows of JSON, as arrays of a struct are; None for another text, and for JSON lines."""
     try:
-        found = _columns(json.loads(text)) if text.lstrip()[:1] in ("[", "{") else None
+        found = _columns(json.loads(text, parse_int=float)) if text.lstrip()[:1] in ("[", "{") else None
     except (ValueError, RecursionError) as error:
         if _JSON.match(text) and "Extra data" not in str(error):
             raise CampaignError(f"{file}: damaged JSON ({shown(str(error))}); save it again, or as CSV") from None
