@@ -1,11 +1,9 @@
-"""MATLAB files: SciPy for versions 4 to 7, h5py for 7.3 and any HDF5, mat-io for tables and timetables; JSON.
+"""MATLAB files: SciPy for versions 4 to 7, h5py for 7.3 and any HDF5, mat-io for tables and timetables.
 
 Arrays inside structs, struct arrays and cells are channels named by the way to them, `run(2).force`, `runs(1)(3)`, or
 by what a text beside them says.
 """
 
-import json
-import re
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping
@@ -18,8 +16,7 @@ import numpy as np
 
 from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
-from bayes_iwan.campaign.importing.formats.stamps import seconds
-from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording, channel, library
+from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
 from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
@@ -29,8 +26,6 @@ DEEPEST = 20  # of structs and cells within each other
 LATEST_S = 1e5  # what is more is a date: in seconds since 1970, or of no unit that is known
 PACKED = {"scale_factor": 1, "add_offset": 0}  # by which the conventions of netCDF pack numbers, with their neutrals
 LABELS = {"name", "label", "title", "unit", "units", "signalname"}
-#: what is JSON, damaged or not
-_JSON = re.compile(r"\s*(\[\s*[\[{]|\{\s*\"[^\"]*\"\s*:\s*[\[{])")
 Said = TypeVar("Said", float, str)
 _ARRAY, _COMPRESSED = 14, 15
 _KINDS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, _ARRAY, _COMPRESSED, 16, 17, 18}
@@ -57,50 +52,13 @@ def read_matlab(path: Path, file: str) -> list[Recording]:
     if "__function_workspace__" in found:
         found = _objects(path, file)
     found = {k: v for k, v in found.items() if not k.startswith("__")}
-    return _of_variables(file, found, "MATLAB", f"the file holds {_kinds(found)}; save numbers as vectors ({SAVE})")
+    return of_variables(file, found, "MATLAB", f"the file holds {_kinds(found)}; save numbers as vectors ({SAVE})")
 
 
-def read_json(file: str, text: str) -> list[Recording] | None:
-    """The columns and rows of JSON, as arrays of a struct are; None for another text, and for JSON lines."""
-    try:
-        found = _columns(json.loads(text, parse_int=float)) if text.lstrip()[:1] in ("[", "{") else None
-    except (ValueError, RecursionError) as error:
-        if _JSON.match(text) and "Extra data" not in str(error):
-            raise CampaignError(f"{file}: damaged JSON ({shown(str(error))}); save it again, or as CSV") from None
-        return None
-    return None if found is None else _of_variables(file, found, "JSON", "save columns of numbers, or rows")
-
-
-def _columns(value: Any) -> Any:
-    """A value of JSON with its long lists, and its rows that are lists or objects, as arrays."""
-    if isinstance(value, dict) and "0" in value:  # pandas numbers its rows
-        value = list(value.values())
-    if isinstance(value, list) and len(value) >= FEWEST_SAMPLES:
-        rows = [dict(_flat("", x, 0)) for x in value]
-        names = list(dict.fromkeys(k for x in rows for k in x))
-        columns = {k: _numbers([x.get(k) for x in rows]) for k in names[:MOST_COLUMNS]}
-        return columns.get("", columns)
-    if not isinstance(value, dict):
-        return [_columns(x) for x in value] if isinstance(value, list) else value
-    heads = [x for x in value.values() if isinstance(x, list) and all(isinstance(y, str) for y in x)]
-    out = {k: _columns(x) for k, x in value.items()}
-    for k, x in out.items():
-        if isinstance(x, dict) and "(1)" in x:  # rows of lists, below names that stand apart
-            out[k] = next((dict(zip(head, x.values())) for head in heads if len(head) == len(x)), x)
-    return out
-
-
-def _numbers(cells: list[Any]) -> Any:
-    """Cells of JSON as numbers, stamps as seconds; other texts as they are."""
-    try:
-        return np.array(cells, dtype=float)
-    except (ValueError, TypeError):
-        found = seconds(cells) if all(isinstance(x, str) for x in cells) else None
-        return None if found is None else found[0]
-
-
-def _of_variables(file: str, found: Any, what: str, otherwise: str) -> list[Recording]:
-    held = list(_flat("", found, 0))
+def of_variables(file: str, found: Any, what: str, otherwise: str) -> list[Recording]:
+    """The arrays of variables within each other, as channels of recordings; raises CampaignError, with what to do
+    otherwise, where there are none."""
+    held = list(flat("", found, 0))
     arrays = [(k, v) for k, v in held if not isinstance(v, str)]
     texts = {k: v for k, v in held if isinstance(v, str)}
     return _recordings(file, arrays, what, otherwise, texts, *_said_of(arrays, texts))
@@ -212,7 +170,7 @@ def _said_of(arrays: list[tuple[str, np.ndarray]], texts: Mapping[str, str]) -> 
     return units, names
 
 
-def _flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
+def flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     """Numeric arrays, numbers and texts with the way to each."""
     if depth > DEEPEST:
         return
@@ -222,7 +180,7 @@ def _flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         value = {str(name): _seconds(value[name].to_numpy()) for name in value.columns}
     if isinstance(value, dict):
         for key, inner in value.items():
-            yield from _flat(f"{prefix}.{key}" if prefix else str(key), inner, depth + 1)
+            yield from flat(f"{prefix}.{key}" if prefix else str(key), inner, depth + 1)
     elif isinstance(value, str):
         yield prefix, value
     elif isinstance(value, int | float):
@@ -231,7 +189,7 @@ def _flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         yield prefix, value
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for k, inner in enumerate(value if isinstance(value, list) else value.flat, 1):
-            yield from _flat(f"{prefix}({k})", inner, depth + 1)
+            yield from flat(f"{prefix}({k})", inner, depth + 1)
 
 
 def _seconds(values: np.ndarray) -> np.ndarray:

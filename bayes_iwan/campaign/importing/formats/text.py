@@ -11,9 +11,9 @@ import pandas as pd
 
 from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, rate_of_step, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.formats.json_text import read_json
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
 from bayes_iwan.campaign.importing.formats.lvm import END_OF_HEADER, read_lvm
-from bayes_iwan.campaign.importing.formats.matlab import read_json
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
     MISSING,
