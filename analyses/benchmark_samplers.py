@@ -39,8 +39,8 @@ from scipy import special
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
-from bayes_iwan.inference.solving.chains import Run, approximate_draws, sampled
 from bayes_iwan.inference.solving.point import Point, find_point
+from bayes_iwan.inference.solving.posterior_draws import Run, approximate_draws, sampled
 from bayes_iwan.sampling.convergence import convergence_of
 
 ENSEMBLES, WALKERS = 4, 40

@@ -13,7 +13,7 @@ drawn anew.
 
 An interval that is right holds the truth as often as it says. What is counted are quantiles of draws: `sampled` by the
 package's own sampler, `approximate` as `--quick` draws; both as drawn, and made as wide as the tests disagree, as the
-package does (:mod:`bayes_iwan.inference.solving.between_tests`). Counted pooled, by the number of tests, for one
+package does (:mod:`bayes_iwan.inference.solving.jackknife`). Counted pooled, by the number of tests, for one
 frequency and several, and for weak and strong variation of the normal force. The figure has one curve a quantity (P-P)
 with simultaneous 95 % bands of the empirical distribution (Dvoretzky, Kiefer & Wolfowitz 1956; Massart 1990).
 """
@@ -35,9 +35,9 @@ from bayes_iwan.inference.setup.loop_scales import loop_energy_mJ
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings
-from bayes_iwan.inference.solving.between_tests import stretched
-from bayes_iwan.inference.solving.chains import approximate_draws
+from bayes_iwan.inference.solving.jackknife import stretched
 from bayes_iwan.inference.solving.point import near_optima
+from bayes_iwan.inference.solving.posterior_draws import approximate_draws
 from bayes_iwan.virtual_rig import cases as rig_cases
 from bayes_iwan.virtual_rig import simulate as rig
 from bayes_iwan.virtual_rig.specimen import Specimen

@@ -20,7 +20,7 @@ import numpy as np
 import bayes_iwan as bi
 import export_courses as rt
 from bayes_iwan.export.device import steady_loops
-from bayes_iwan.export.run import source_of
+from bayes_iwan.export.exporting import source_of
 from bayes_iwan.models.motion import motion_of
 from bayes_iwan.models.simulator import FORCE_ZERO
 

@@ -25,7 +25,7 @@ import numpy as np
 
 import bayes_iwan as bi
 import export_courses as rt
-from bayes_iwan.export import run as export_run
+from bayes_iwan.export import exporting as export_run
 from bayes_iwan.export.device import steady_loops
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model

@@ -126,6 +126,8 @@ def _recordings(folder: Path, record: Record) -> dict[str, Path]:
     out["blocks"] = write_whole(folder / "a.dat", f"{head}{blocks}\n\n{head}{other}\n")
     pd.DataFrame({"Time (s)": t, "Weg (mm)": x, "Kraft (N)": f}).to_excel(folder / "a.xlsx", index=False)
     out["excel"] = folder / "a.xlsx"
+    rows = pd.DataFrame({"time_s": t, "disp_mm": x, "force_N": f}).to_json(orient="records")
+    out["json"] = write_whole(folder / "a.json", rows)
     out["wav"] = folder / "a.wav"
     wavfile.write(out["wav"], round(1 / step), np.column_stack([x / 4, f / (4 * np.abs(f).max())]).astype("float32"))
     return out

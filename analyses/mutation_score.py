@@ -3,12 +3,14 @@
     python analyses/mutation_score.py models --mutants 30 --seed 1 --out runs/mutants_models.json
 
 A mutant is the package with one operator, comparison, number or condition changed. Each runs in a copy of the
-repository against those tests of its folder that run its line (one run of all of them says which), the quickest first,
-up to the first that fails; what takes ten times as long as the unchanged code and two minutes more is caught too (an
-endless loop). Compiled code, whose lines nobody counts, and what runs on import are tried against all tests of the
-folder. Texts, types, messages and defaults of
-the command line are not changed. Survivors are printed with their line, so that a test can be written for each.
-Numba's cache is emptied for files that compile, since it does not see changes of functions that another file calls.
+repository against those tests of its folder that run its line, the quickest first, up to the first that fails or to
+`--seconds` of tests (the rest might catch more). What takes ten times as long as the unchanged code and two minutes
+more is caught too (an endless loop). Which tests run a line is found by one run of each file of tests, which is kept in
+`--kept` until the package or that file changes; tests that do not pass then (time budgets on a busy machine) are left
+out and named. Code that Numba compiles, whose lines nobody counts, and what runs on import are tried against all tests
+of the folder; such code with an empty cache, since Numba does not see changes of functions that another file calls.
+Texts, types, decorators, messages and seeds are not changed. Survivors are printed with their line, so that
+a test can be written for each.
 """
 
 from __future__ import annotations
@@ -16,28 +18,34 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
+import hashlib
 import json
+import multiprocessing
 import os
 import shutil
-import subprocess
+import signal
 import sys
-import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+import arviz  # noqa: F401  with numba and pytest what takes longest to import, once for all mutants
+import numba
 import numpy as np
+import pytest
 from coverage import CoverageData
 from scipy.stats import beta
 
-ROOT = Path(__file__).parents[1]
-#: tests of a folder's own, and those of effects that run its kernels; others would catch more, and take longer
+Lines = dict[Path, dict[int, set[str]]]
+ROOT = Path(__file__).resolve().parents[1]
+#: tests of a folder's own, and those of other folders that run its kernels or hold its priors; others would catch
+#: more, and take longer
 TESTS = {
     "models": ["tests/models", "tests/effects/test_series_elements.py", "tests/effects/test_effects.py"],
     "effects": ["tests/effects", "tests/virtual_rig/test_faults_against_effects.py"],
-    "inference": ["tests/inference"],
+    "inference": ["tests/inference", "tests/models/test_simulator.py"],
     "diagnosis": ["tests/diagnosis"],
 }
 OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
@@ -61,7 +69,7 @@ class Mutant:
 
 
 def changeable(tree: ast.Module) -> Iterator[ast.AST]:
-    """Nodes that a mutant may change: no docstrings, annotations, messages of errors, representations."""
+    """Nodes that a mutant may change: no docstrings, annotations, decorators, messages, representations, seeds."""
     stack: list[ast.AST] = [tree]
     while stack:
         node = stack.pop()
@@ -74,10 +82,15 @@ def changeable(tree: ast.Module) -> Iterator[ast.AST]:
                 continue
             stack += node.body + node.args.defaults
             continue
+        if isinstance(node, ast.ClassDef):
+            stack += node.body
+            continue
         if isinstance(node, ast.AnnAssign):
             stack += [node.value] if node.value is not None else []
             continue
         if isinstance(node, ast.BinOp) and any(isinstance(x, ast.JoinedStr) for x in (node.left, node.right)):
+            continue
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("default_rng"):
             continue
         yield node
         stack += list(ast.iter_child_nodes(node))
@@ -119,6 +132,27 @@ def mutants_of(path: Path) -> list[tuple[Mutant, int]]:
     return out
 
 
+def statement_lines(text: str, line: int) -> range:
+    """Lines of the statement that a line is in, without its body: what runs is counted at any one of them."""
+    found = range(line, line + 1)
+    for x in ast.walk(ast.parse(text)):  # from the outermost inwards
+        if isinstance(x, ast.stmt):
+            body = getattr(x, "body", None)
+            lines = range(x.lineno, body[0].lineno if body else (x.end_lineno or x.lineno) + 1)
+            found = lines if line in lines else found
+    return found
+
+
+def runs_compiled(text: str, line: int, imported: bool) -> bool:
+    """Is a line in a function that Numba compiles, or in a file that has some and among what runs on import?"""
+    tree = ast.parse(text)
+    made = [x for x in tree.body if isinstance(x, ast.Assign) and "jit(" in ast.unparse(x.value)]
+    names = {ast.unparse(target) for x in made for target in x.targets}
+    functions = [x for x in ast.walk(tree) if isinstance(x, ast.FunctionDef)]
+    compiled = [f for f in functions if any("jit" in d or d in names for d in map(ast.unparse, f.decorator_list))]
+    return any(imported or f.lineno <= line <= (f.end_lineno or 0) for f in compiled)
+
+
 def _text(text: str, k: int) -> str:
     """The file's text with its k-th changeable node changed."""
     tree = ast.parse(text)
@@ -126,34 +160,64 @@ def _text(text: str, k: int) -> str:
     return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
 
 
-def run_tests(copy_of: Path, tests: list[str], limit_s: float, *options: str) -> tuple[bool, float]:
-    """Do the tests pass in a copy of the repository within so many seconds?"""
+def run_tests(copied: Path, numba_cache: Path, tests: list[str], limit_s: float, *options: str) -> tuple[bool, float]:
+    """Do the tests pass in a copy of the repository within so many seconds? In a process split off from this one, which
+    has imported the libraries."""
     started = time.perf_counter()
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *options, *tests]
-    env = {**os.environ, "NUMBA_CACHE_DIR": str(copy_of / "numba"), "MPLBACKEND": "Agg"}
-    env |= {"COVERAGE_FILE": str(copy_of / "coverage")}
-    try:
-        done = subprocess.run(command, cwd=copy_of, env=env, capture_output=True, timeout=limit_s, check=False)
-        passed = done.returncode == 0
-    except subprocess.TimeoutExpired:
-        passed = False
-    return passed, time.perf_counter() - started
+    command = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", *options, *tests]
+    process = multiprocessing.get_context("fork").Process(target=_pytest, args=(copied, numba_cache, command))
+    process.start()
+    process.join(limit_s)
+    if process.is_alive() and process.pid:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.join()
+    return process.exitcode == 0, time.perf_counter() - started
 
 
-def tests_by_line(copied: Path) -> dict[Path, dict[int, set[str]]]:
-    """What :func:`run_tests` with coverage found: by file and line the tests that ran it; "" where it was imported."""
-    data = CoverageData(str(copied / "coverage"))
-    data.read()
-    return {
-        Path(f): {n: {c.partition("|")[0] for c in of} for n, of in data.contexts_by_lineno(f).items()}
-        for f in data.measured_files()
-    }
+def _pytest(copied: Path, numba_cache: Path, command: list[str]) -> None:
+    os.setpgrp()  # what it starts ends with it
+    os.chdir(copied)
+    sys.path[:] = [str(copied), *(p for p in sys.path if Path(p).resolve() != ROOT)]
+    os.environ |= {"NUMBA_CACHE_DIR": str(numba_cache), "PYTHONPATH": str(copied)}
+    numba.config.reload_config()
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 1)
+    os.dup2(nothing, 2)
+    os._exit(pytest.main(command))
 
 
-def seconds_by_test(report: Path) -> dict[str, float]:
-    """What each test took, by its place as pytest names it, from the report of pytest's ``--junitxml``."""
-    cases = [case.attrib for case in ElementTree.parse(report).iter("testcase")]
-    return {f"{c['classname'].replace('.', '/')}.py::{c['name']}": float(c["time"]) for c in cases}
+def digest(files: Iterable[Path]) -> str:
+    return hashlib.sha256(b"".join(f.read_bytes() for f in sorted(files))).hexdigest()[:12]
+
+
+def what_runs_what(home: Path, folder: str, tests: list[str]) -> tuple[Lines, dict[str, float]]:
+    """By file and line the tests that run it, "" where it is imported, and the seconds of each test, by its place as
+    pytest names it; for each file of tests from the run that is kept on disk, or a new one."""
+    lines: Lines = {}
+    took: dict[str, float] = {}
+    shared = [*(home / "copy/tests").rglob("conftest.py")]
+    for file in sorted(
+        f for t in tests for f in ([home / "copy" / t] if t.endswith(".py") else (home / "copy" / t).glob("test_*.py"))
+    ):
+        kept = home / f"{folder}-{file.stem}-{digest([*shared, file])}"
+        coverage, report = kept.with_suffix(".coverage"), kept.with_suffix(".xml")
+        if not report.exists():
+            os.environ["COVERAGE_FILE"] = str(coverage)
+            which = (f"--cov=bayes_iwan/{folder}", "--cov-context=test", "--cov-report=", f"--junitxml={report}")
+            print(f"{file.name} on the unchanged code", file=sys.stderr)
+            run_tests(home / "copy", home / "numba", [str(file), "--maxfail=1000"], 7200.0, *which)
+        for case in ElementTree.parse(report).iter("testcase"):
+            place = f"{case.attrib['classname'].replace('.', '/')}.py::{case.attrib['name']}"
+            if {"failure", "error", "skipped"} & {x.tag for x in case}:
+                print(f"left out, since it does not pass on the unchanged code: {place}", file=sys.stderr)
+            else:
+                took[place] = float(case.attrib["time"])
+        data = CoverageData(str(coverage))
+        data.read()
+        for f in data.measured_files():
+            for n, contexts in data.contexts_by_lineno(f).items():
+                lines.setdefault(Path(f), {}).setdefault(n, set()).update(c.partition("|")[0] for c in contexts)
+    return lines, took
 
 
 def main() -> None:
@@ -163,61 +227,58 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--tests", nargs="+", help="files or folders of tests in the place of the folder's own")
     parser.add_argument("--files", nargs="+", help="mutate these files of the folder only (parts of their paths)")
+    parser.add_argument("--seconds", type=float, default=120.0, help="of tests that a mutant is tried against")
     parser.add_argument("--minutes", type=float, default=60.0, help="start no further mutant after so many")
+    parser.add_argument("--kept", type=Path, default=ROOT / "runs/mutants", help="where what the tests run is kept")
     parser.add_argument("--out", type=Path, help="JSON with every mutant and what became of it")
     args = parser.parse_args()
-    tests = args.tests or TESTS[args.folder]
-    with tempfile.TemporaryDirectory() as temporary:
-        copied = Path(temporary)
-        for name in ("bayes_iwan", "tests", "analyses", "data", "pyproject.toml"):
-            source = ROOT / name
-            (shutil.copytree if source.is_dir() else shutil.copy)(source, copied / name)
-        files = sorted((copied / "bayes_iwan" / args.folder).rglob("*.py"))
-        files = [f for f in files if not args.files or any(part in str(f) for part in args.files)]
-        found = [(f, m, k) for f in files for m, k in mutants_of(f)]
-        chosen = np.random.default_rng(args.seed).choice(len(found), min(args.mutants, len(found)), replace=False)
-        which = (
-            f"--cov=bayes_iwan/{args.folder}",
-            "--cov-context=test",
-            "--cov-report=",
-            f"--junitxml={copied / 'tests.xml'}",
-        )
-        passed, _ = run_tests(copied, tests, 7200.0, *which)
-        if not passed:
-            cases = ElementTree.parse(copied / "tests.xml").iter("testcase")
-            failed = [c.attrib["name"] for c in cases if {"failure", "error"} & {x.tag for x in c}]
-            sys.exit(
-                f"the tests of {args.folder} fail on the unchanged code: {', '.join(failed)}; those with a time budget "
-                "do on a busy machine: name others by --tests"
-            )
-        ran, took = tests_by_line(copied), seconds_by_test(copied / "tests.xml")
-        done: list[Mutant] = []
-        until = time.monotonic() + 60.0 * args.minutes
-        for i in chosen:
-            if time.monotonic() > until:
-                break
-            path, mutant, k = found[int(i)]
-            text = path.read_text(encoding="utf-8")
+    home = args.kept.resolve() / digest((ROOT / "bayes_iwan").rglob("*.py"))
+    copied = home / "copy"
+    shutil.rmtree(copied, ignore_errors=True)
+    for name in ("bayes_iwan", "tests", "analyses", "data", "pyproject.toml"):
+        source = ROOT / name
+        (shutil.copytree if source.is_dir() else shutil.copy2)(source, copied / name)
+    files = sorted((copied / "bayes_iwan" / args.folder).rglob("*.py"))
+    files = [f for f in files if not args.files or any(part in str(f) for part in args.files)]
+    found = [(f, m, k) for f in files for m, k in mutants_of(f)]
+    chosen = np.random.default_rng(args.seed).choice(len(found), min(args.mutants, len(found)), replace=False)
+    ran, took = what_runs_what(home, args.folder, args.tests or TESTS[args.folder])
+    if not run_tests(copied, home / "numba", [*took], 600.0, "--collect-only")[0]:
+        sys.exit("pytest does not find the tests by the places that its report gives")
+    done: list[Mutant] = []
+    until = time.monotonic() + 60.0 * args.minutes
+    for i in chosen:
+        if time.monotonic() > until:
+            break
+        path, mutant, k = found[int(i)]
+        where = path.relative_to(copied)
+        text = path.read_text(encoding="utf-8")
+        mine = ran.get(path, {})
+        these = set().union(*(mine.get(n, ()) for n in statement_lines(text, mutant.line)))
+        compiled = runs_compiled(text, mutant.line, imported="" in these)
+        near = set().union(*mine.values())  # tests that run other lines of the file come before those of the folder
+        every = took if compiled or "" in these else these & took.keys()
+        some = sorted(every, key=lambda t: (t not in near, took[t]))
+        some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), args.seconds) + 1]
+        passed, seconds = True, 0.0  # where no test runs the line
+        if some:
+            unchanged = path.stat()
             path.write_text(_text(text, k), encoding="utf-8")
-            these = ran.get(path, {}).get(mutant.line, set())
-            if compiled := "jit(" in text or "_jit" in text:
-                shutil.rmtree(copied / "numba", ignore_errors=True)
-            passed, seconds = True, 0.0  # no test runs the line
-            if compiled or these:
-                some = sorted(took if compiled or "" in these else these & took.keys(), key=took.__getitem__)
-                passed, seconds = run_tests(copied, some, 10.0 * sum(took[t] for t in some) + 120.0)
+            cache = home / ("numba of a mutant" if compiled else "numba")
+            passed, seconds = run_tests(copied, cache, some, 10.0 * sum(took[t] for t in some) + 120.0)
+            shutil.rmtree(home / "numba of a mutant", ignore_errors=True)
             path.write_text(text, encoding="utf-8")
-            where = str(path.relative_to(copied))
-            done.append(
-                Mutant(where, mutant.line, mutant.before, mutant.after, "lives" if passed else "caught", seconds)
-            )
-            print(
-                f"{done[-1].status:6s} {seconds:5.0f} s  {where}:{mutant.line}  {mutant.before}  ->  {mutant.after}",
-                flush=True,
-            )
-            if args.out:
-                args.out.parent.mkdir(parents=True, exist_ok=True)
-                args.out.write_text(json.dumps([asdict(m) for m in done], indent=1), encoding="utf-8")
+            os.utime(path, ns=(unchanged.st_atime_ns, unchanged.st_mtime_ns))  # Numba's cache goes by it
+        done.append(
+            Mutant(str(where), mutant.line, mutant.before, mutant.after, "lives" if passed else "caught", seconds)
+        )
+        print(
+            f"{done[-1].status:6s} {seconds:5.0f} s  {where}:{mutant.line}  {mutant.before}  ->  {mutant.after}",
+            flush=True,
+        )
+        if args.out:
+            args.out.parent.mkdir(parents=True, exist_ok=True)
+            args.out.write_text(json.dumps([asdict(m) for m in done], indent=1), encoding="utf-8")
     caught = sum(m.status == "caught" for m in done)
     low, high = beta.ppf([0.05, 0.95], [caught + 0.5], [len(done) - caught + 0.5])  # Jeffreys' interval
     share = f"{100 * caught / max(len(done), 1):.0f} % (90 % interval {100 * low:.0f} to {100 * high:.0f})"

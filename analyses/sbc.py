@@ -34,8 +34,8 @@ from bayes_iwan.inference.setup.likelihood import KINDS
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings, SearchSettings
-from bayes_iwan.inference.solving.chains import Run, least_squares_of, sampled
 from bayes_iwan.inference.solving.point import Point, find_point, near_optima
+from bayes_iwan.inference.solving.posterior_draws import Run, least_squares_of, sampled
 from bayes_iwan.sampling.blocks import Piece, Schedule, advanced
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import EnsembleRun

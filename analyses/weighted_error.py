@@ -21,8 +21,8 @@ from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import SearchSettings
-from bayes_iwan.inference.solving.chains import approximate_draws
 from bayes_iwan.inference.solving.point import Point, find_point
+from bayes_iwan.inference.solving.posterior_draws import approximate_draws
 
 SHOWN = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N", "slip_force_q50_N")
 

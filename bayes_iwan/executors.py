@@ -102,11 +102,12 @@ def _cluster(address: str) -> Iterator[Executor]:
     except ImportError:
         raise ExecutorError("Dask is not installed; pip install 'bayes-iwan[dask]'") from None
     try:
-        client = Client(address, timeout=_CONNECT_S)
+        client = Client(address, timeout=_CONNECT_S)  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TypeError) as error:  # a scheduler that is not there, an address that is none
-        raise ExecutorError(f"no Dask scheduler answers at {address} ({error or 'no answer'})") from None
+        raise ExecutorError(f"no Dask scheduler answers at {address} ({str(error) or 'no answer'})") from None
     try:
-        executor = client.get_executor(pure=False)  # pure: two equal calls would be one
+        # pure: two equal calls would be one
+        executor = client.get_executor(pure=False)  # type: ignore[no-untyped-call]
         try:
             yield executor
         except BaseException:
@@ -114,7 +115,7 @@ def _cluster(address: str) -> Iterator[Executor]:
             raise
         executor.shutdown()
     finally:
-        client.close()
+        client.close()  # type: ignore[no-untyped-call]
 
 
 def run(

@@ -88,6 +88,11 @@ def test_no_files_import_each_other_in_a_circle():
     list(TopologicalSorter(graph).static_order())  # raises CycleError, which shows the circle
 
 
+def test_no_two_files_have_one_name():
+    names = [p.name for p in FILES if not p.name.startswith("__")]
+    assert not {n for n in names if names.count(n) > 1}
+
+
 def test_nothing_imports_the_command_line():
     inside = [p for p in FILES if p.parts[0] not in ("cli", "__main__.py")]
     assert not [str(p) for p in inside if any(name.startswith("bayes_iwan.cli") for name in imports_of(p))]

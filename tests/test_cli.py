@@ -90,10 +90,11 @@ def test_results_where_a_campaign_is_wanted(tmp_path, capsys):
     assert "the results of a run, no campaign" in said and "import" not in said
 
 
-def test_recordings_where_a_campaign_is_wanted(tmp_path, capsys):
-    (tmp_path / "run 1.csv").write_text("t,x,F\n")
-    for path in (tmp_path / "run 1.csv", tmp_path):
-        assert cli.main(["identify", str(path)]) == 2
+@pytest.mark.parametrize("ending", ["csv", "out", "F00", "ASC"])
+def test_recordings_where_a_campaign_is_wanted(tmp_path, capsys, ending):
+    (tmp_path / f"run 1.{ending}").write_text("t,x,F\n")
+    for path in (tmp_path / f"run 1.{ending}", tmp_path):
+        assert cli.main(["check", str(path)]) == 2
         err = capsys.readouterr().err
         assert err.endswith(f'bayes-iwan import "{path}"\n') and err.count("\n") == 1
 

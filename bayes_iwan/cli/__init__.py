@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from bayes_iwan import __version__
-from bayes_iwan.cli import diagnosis, export, identification, recordings, withheld
+from bayes_iwan.cli import campaigns, diagnose, export, identification, withheld
 from bayes_iwan.cli.command import LOG, Command, quoted, say
 from bayes_iwan.cli.runs import RunLog, refuse_other_shells, refuse_recordings
 from bayes_iwan.errors import InputError
@@ -29,13 +29,13 @@ DEFECT = 70
 
 #: in the order in which the help lists them
 COMMANDS: list[Command] = [
-    recordings.run_import,
-    recordings.run_check,
-    recordings.run_inspect,
+    campaigns.run_import,
+    campaigns.run_check,
+    campaigns.run_inspect,
     identification.run_identify,
     identification.run_report,
     identification.run_compare,
-    diagnosis.run_diagnose,
+    diagnose.run_diagnose,
     export.run_export,
     identification.run_batch,
     withheld.run_make,

@@ -1,7 +1,6 @@
 """Recordings given in the place of a campaign, and the log of what was run in the folder of its results."""
 
 import argparse
-import glob
 import logging
 import os
 import platform
@@ -17,9 +16,6 @@ from bayes_iwan.files import RECORD, OutputError
 #: arguments that are paths
 PATHS = ("campaign", "folder", "directory", "files", "out", "recipe", "config", "simulator", "effects", "answers")
 LOG_FILE = "log.txt"
-RECORDINGS = (
-    ".csv", ".txt", ".dat", ".tdms", ".uff", ".unv", ".mat", ".lvm", ".xlsx", ".wav", ".parquet", ".asc", ".gz"
-)  # fmt: skip
 
 
 def refuse_other_shells(args: argparse.Namespace) -> None:
@@ -49,9 +45,10 @@ def refuse_recordings(path: str) -> None:
             f"{path}: the results of a run, no campaign; {RECORD} in it names the campaign. These commands take "
             "results: bayes-iwan report, bayes-iwan export"
         )
-    inside = here.is_dir() and any(p.suffix.lower() in RECORDINGS for p in here.iterdir() if p.is_file())
-    if here.is_file() or inside or any(Path(x).is_file() for x in glob.glob(path)):
-        what = "a folder of recordings" if inside else "recordings"
+    from bayes_iwan.campaign.importing.read import recordings_in
+
+    if any(p.is_file() for p in recordings_in(path)):
+        what = "a folder of recordings" if here.is_dir() else "recordings"
         raise OutputError(f"{path}: {what}, no campaign yet. Make one: {quoted(['bayes-iwan', 'import', path])}")
 
 

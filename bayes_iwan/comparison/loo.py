@@ -32,7 +32,7 @@ def smoothed_log_weights(log_w: Array) -> tuple[Array, Array]:
 
             smoothed, k = array_stats.psislw(-log_w)
         else:
-            smoothed, k = psislw(log_w)
+            smoothed, k = psislw(log_w)  # type: ignore[no-untyped-call]
     return np.asarray(smoothed) - logsumexp(smoothed, axis=-1, keepdims=True), np.asarray(k, dtype=float)
 
 
@@ -64,7 +64,7 @@ def psis_loo(log_likelihood: Array) -> Loo:
             data = az.from_dict(posterior=groups["posterior"], log_likelihood=groups["log_likelihood"])  # up to 0.23
         except TypeError:
             data = az.from_dict(groups)  # from 1.0
-        found = az.loo(data, pointwise=True)
+        found = az.loo(data, pointwise=True)  # type: ignore[no-untyped-call]
     old = hasattr(found, "elpd_loo")
     pointwise = np.asarray(found.loo_i if old else found.elpd_i, dtype=float).ravel()
     return Loo(

@@ -15,7 +15,7 @@ from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
-from bayes_iwan.diagnosis.answer.imitation import edges_of, imitations
+from bayes_iwan.diagnosis.answer.imitation import edges_of, imitations, said_in_text
 from bayes_iwan.diagnosis.answer.localisation import Located, ProgressListener, located, where
 from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
 from bayes_iwan.diagnosis.answer.result import Diagnosis, EffectParameter, Moved
@@ -32,7 +32,7 @@ from bayes_iwan.diagnosis.assessment.budget import (
 )
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, any_of, calibration
 from bayes_iwan.diagnosis.assessment.sampled_fit import sampled_fit
-from bayes_iwan.diagnosis.assessment.verdict import verdict_of
+from bayes_iwan.diagnosis.assessment.verdict import candidates_of, refused, resembled, verdict_of
 from bayes_iwan.diagnosis.constants import MOST_EFFECTS
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_model
@@ -201,14 +201,14 @@ def _reported(
         fit, sampling = sampled_fit(data, fit, seed, report)
     left = residual_of(data, found.models.nearest[named])
     places = where_sentences(gap.where if not named else where(left, seed)) if verdict.unknown_cause else []
-    outside = [f for f in found.figures if f.name in NO_CAUSE]
-    resembles = max(outside, key=lambda f: f.gain).name if outside and verdict.unknown_cause else None
+    pattern = resembled(found.figures) if verdict.unknown_cause else None
     unexplained = Unexplained(
         verdict.probabilities["unknown"],
         unexplained_share(named, found.models.sizes) if named else Share(1.0, 1.0, 1.0),
         after.all.share,
         tuple(places),
-        resembles,
+        None if pattern is None else pattern.name,
+        0.0 if pattern is None else pattern.fitted,
         found.subharmonic,
     )
     rng = np.random.default_rng([seed, 2])
@@ -221,8 +221,8 @@ def _reported(
         imitated = ()
     report("next test")
     following = _next(data, found, verdict, constants, gap.campaign)
-    if following is None or not named:  # what is said to be tied comes before what is only possible
-        following = next((x.next_test for x in imitated if x.said and x.next_test), following)
+    if following is None or not (named or verdict.one_of):  # what is said comes before what is only possible
+        following = next((x.next_test for x in said_in_text(imitated) if x.next_test), following)
     return Diagnosis(
         gap.campaign,
         seed,
@@ -297,27 +297,18 @@ def _next(
     data: GapData, found: Weighed, verdict: Verdict, constants: Calibration, campaign: Campaign
 ) -> NextTest | None:
     """The test that best settles what is still in question: a cause and its nearest alternative, or whether a cause is
-    there at all; None where nothing is, or where the drive must be fixed first. What is not plausible is in
+    there at all; None where nothing is, or where the drive must be fixed first. What something speaks against is in
     question only where it is one of those that are said to contribute."""
     if verdict.kind is Kind.DRIVE:
         return None
     whole, said = frozenset(found.search.chosen), {n for x in verdict.one_of for n in x.names}
     for f in sorted(found.figures, key=lambda f: -f.moved):
-        if f.name in NO_CAUSE or (f.odd and f.name not in said):
-            continue
-        others = [
-            n
-            for n, v in sorted(f.alternatives.items(), key=lambda nv: -nv[1])
-            if n != f.name and n not in NO_CAUSE and v > -constants.apart
-        ]
+        others = [n for n in candidates_of(f, constants) if n != f.name]
         open_question = OPEN[0] < any_of(found.sets, {f.name}) < OPEN[1]
-        if not others and not open_question:
+        if (refused(f) and f.name not in said) or not (others or open_question):
             continue
         other = others[0] if others else "none"
-        if others:
-            fits = found.search.fit(found.asked), found.search.fit(found.asked - {f.name} | {other})
-        else:
-            fits = found.models.fits[whole], found.models.fits[whole - {f.name}]
+        fits = found.search.fit(whole), found.search.fit(whole - {f.name} | {*others[:1]})
         effects = found.search.effects
         bench = [effects[n][0].bench for n in (f.name, other) if n in effects]
         return next_test(data, *fits, (f.name, other), bench, campaign.limits)

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 
-from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting, specimen
+from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting, specimen_forces
 from bayes_iwan.effects.base import Effect, EffectError, stages_of
 from bayes_iwan.effects.conditions import following
 from bayes_iwan.effects.empirical_patterns import EFFECTS as WITHOUT_CAUSE
@@ -16,7 +16,7 @@ from bayes_iwan.models.user_file import classes_in
 Maker = Callable[..., Effect]
 
 BUILT_IN: tuple[type[Effect], ...] = (
-    *specimen.EFFECTS,
+    *specimen_forces.EFFECTS,
     *friction.EFFECTS,
     *lag.EFFECTS,
     *mounting.EFFECTS,
@@ -87,12 +87,9 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[type[Effect], ...]:
             missing.append("first_guess")
         if missing:
             raise EffectError(f"{path}: {effect.__name__} lacks {', '.join(missing)}")
-        if not (isinstance(effect.name, str) and effect.name.isidentifier()):
+        if not (isinstance(effect.name, str) and effect.name.isidentifier()):  # type: ignore[redundant-expr]
             raise EffectError(f"{path}: {effect.__name__}.name = {effect.name!r} must be one word, as a variable's")
-        if not (
-            isinstance(effect.strength, tuple)
-            and len(effect.strength) == 4
-            and all(isinstance(x, str) for x in effect.strength)
-        ):
+        said: object = effect.strength
+        if not (isinstance(said, tuple) and len(said) == 4 and all(isinstance(x, str) for x in said)):
             raise EffectError(f"{path}: {effect.__name__}.strength must be four texts: name, symbol, unit, description")
     return found

@@ -8,17 +8,18 @@ from scipy import stats
 from bayes_iwan.arrays import Array
 from bayes_iwan.models import Motion
 from bayes_iwan.models.kernels import pointwise
+from bayes_iwan.models.parameter import Distribution
 
 #: Gauss–Legendre points and weights (they sum to one) of an average over a block of cycles
 _POINTS, _WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 18.0
 
 
-def about(value: float, sd: float):
+def about(value: float, sd: float) -> Distribution:
     """A normal prior of a parameter that changes a law's form, with the classical law in its middle."""
     return stats.norm(loc=value, scale=sd)
 
 
-def lognormal(median: float, spread: float):
+def lognormal(median: float, spread: float) -> Distribution:
     """A log-normal prior: its median, ×/÷ e^spread at one standard deviation."""
     return stats.lognorm(s=spread, scale=median)
 
@@ -51,7 +52,7 @@ def _by_draw(law: Callable[[Array, Array, Array], None], x: Array, number: Array
 
 def over_block(motion: Motion, law: Callable[[Array], Array]) -> Array:
     """The average of a law of the cycle number over the cycles of each loop: law takes (loops,) or more axes before."""
-    return sum(w * law(np.maximum(motion.cycle + 0.5 * x * motion.span_cycles, 0.0)) for x, w in zip(_POINTS, _WEIGHTS))  # type: ignore[return-value]
+    return sum(w * law(np.maximum(motion.cycle + 0.5 * x * motion.span_cycles, 0.0)) for x, w in zip(_POINTS, _WEIGHTS))
 
 
 def decay_over_block(motion: Motion, per_cycle: Array) -> Array:

@@ -84,13 +84,13 @@ _jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 
 
 @_jit
-def _softplus(x):
+def _softplus(x: float) -> float:
     """ln(1 + e^x), at large x without overflow."""
     return x + math.log1p(math.exp(-x)) if x > 0.0 else math.log1p(math.exp(x))
 
 
 @_jit
-def _through_play(u, velocity, half, soft, crossing, out):
+def _through_play(u: Array, velocity: Array, half: Array, soft: Array, crossing: Array, out: Array) -> None:
     """The specimen's motion: at rest where the force crosses zero on each branch (rising, falling) while the play is
     crossed, and over a share `soft` of it gradually with the rig at its ends. crossing : (draws, loops, 2)."""
     draws, loops, samples = out.shape
@@ -108,7 +108,7 @@ def _through_play(u, velocity, half, soft, crossing, out):
 
 
 @_jit
-def _first_crossings(u, force, crossing, slope):
+def _first_crossings(u: Array, force: Array, crossing: Array, slope: Array) -> None:
     """Where the force crosses zero on each branch, and its slope there (N/mm); ∓inf, 1 where it keeps one sign."""
     draws, loops, samples = force.shape
     for d in range(draws):
@@ -126,7 +126,9 @@ def _first_crossings(u, force, crossing, slope):
 
 
 @_jit
-def _secants(u, force, first_slope, crossing, last, slope, left):
+def _secants(
+    u: Array, force: Array, first_slope: Array, crossing: Array, last: Array, slope: Array, left: Array
+) -> None:
     """A step of the secant method towards the places where the force on the specimen at rest is zero; left (draws,) is
     the largest force there, over the loop's largest. last (draws, loops, 2, 2) : place and force of the step before."""
     draws, loops, samples = force.shape

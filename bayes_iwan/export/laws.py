@@ -22,7 +22,7 @@ from bayes_iwan.effects import (
     model_form,
     mounting,
     paper_stages,
-    specimen,
+    specimen_forces,
 )
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.models import stiffness
@@ -102,7 +102,7 @@ _COUNTED = (
 )
 
 LAWS: dict[type[Effect], Law] = {
-    specimen.ViscousDamping: Law(
+    specimen_forces.ViscousDamping: Law(
         stages={
             "force": """{
     const double slow = $thinning_m_s * $thinning_m_s, thinned = (slow + v * v) / (slow + p->speed_m_s * p->speed_m_s);
@@ -111,7 +111,7 @@ LAWS: dict[type[Effect], Law] = {
 }"""
         }
     ),
-    specimen.MaxwellBranch: Law(
+    specimen_forces.MaxwellBranch: Law(
         stages={
             "force": f"""{{
     int i;
@@ -127,7 +127,7 @@ LAWS: dict[type[Effect], Law] = {
         note=f"a spread of relaxation times is {BRANCHES} branches, fitted from 1/100 of the lowest to 30 times the "
         "highest tested frequency",
     ),
-    specimen.MovingMass: Law(
+    specimen_forces.MovingMass: Law(
         stages={
             "force": """{
     if ($period_s > 1e-9) {
@@ -140,25 +140,25 @@ LAWS: dict[type[Effect], Law] = {
         },
         states={"y": (1, 0.0), "speed": (1, 0.0)},
     ),
-    specimen.QuadraticStiffness: Law(
+    specimen_forces.QuadraticStiffness: Law(
         stages={
             "force": "force += $k2_N_mm2 * p->length_mm * p->length_mm * power_of(u / p->length_mm, $exponent)\n"
             "         * (1.0 + $one_sided * (u > 0.0 ? 1.0 : (u < 0.0 ? -1.0 : 0.0)));"
         }
     ),
-    specimen.CubicStiffness: Law(
+    specimen_forces.CubicStiffness: Law(
         stages={
             "force": "force += $k3_N_mm3 * p->length_mm * p->length_mm * p->length_mm * (u < 0.0 ? -1.0 : 1.0)\n"
             "         * power_of(u / p->length_mm, $exponent);"
         }
     ),
-    specimen.TrilinearStiffness: Law(
+    specimen_forces.TrilinearStiffness: Law(
         stages={
             "force": "force += $k3_N_mm3 * p->length_mm * p->length_mm * p->length_mm * (u < 0.0 ? -1.0 : 1.0)\n"
             "         * beyond(fabs(u) / p->length_mm, $knee, $width) / beyond(1.0, $knee, $width);"
         }
     ),
-    specimen.EndStop: Law(
+    specimen_forces.EndStop: Law(
         stages={
             "force": """{
     const double side = $k_N_mm < 0.0 ? -1.0 : 1.0;
@@ -166,7 +166,7 @@ LAWS: dict[type[Effect], Law] = {
 }"""
         }
     ),
-    specimen.EndStops: Law(
+    specimen_forces.EndStops: Law(
         stages={
             "force": """{
     const double side = u < 0.0 ? -1.0 : 1.0;

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
@@ -39,13 +40,13 @@ _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"
 
 
 @_jit
-def _slope(z, k, size, n, psi, row):
+def _slope(z: float, k: float, size: float, n: float, psi: Array, row: int) -> float:
     ratio = abs(z) / size
     return k * (1.0 - psi[row + (1 if z > 0.0 else 0)] * (ratio * ratio if n == 2.0 else ratio**n))
 
 
 @_jit
-def _advance(z, start, end, k, size, n, psi):
+def _advance(z: float, start: float, end: float, k: float, size: float, n: float, psi: Array) -> float:
     """z after u has gone from start to end, which lie on one side of u = 0 (NaN where z runs away)."""
     du = 1.0 if end > start else -1.0
     row = (4 if start + end > 0.0 else 0) + (2 if du > 0.0 else 0)
@@ -72,7 +73,10 @@ def _advance(z, start, end, k, size, n, psi):
 
 
 @_jit
-def _cycle(z, last, at, where, off, k, size, n, psi, out):
+def _cycle(
+    z: float, last: float, at: Array, where: NDArray[np.int64], off: Array, k: float, size: float, n: float, psi: Array,
+    out: Array,
+) -> float:  # fmt: skip
     """z after one pass, with z at the samples in out; `last` is the displacement before the first entry."""
     for i in range(at.size):
         now = at[i]
@@ -87,7 +91,9 @@ def _cycle(z, last, at, where, off, k, size, n, psi, out):
 
 
 @_jit
-def _steady(at, where, off, k, size, n, psi, out):
+def _steady(
+    at: Array, where: NDArray[np.int64], off: Array, k: float, size: float, n: float, psi: Array, out: Array
+) -> None:
     """The closed loop into out: the fixed point of one cycle's map z → P(z), by the secant method; NaN if none.
 
     Small loops forget their start only over hundreds of cycles, so they are not walked one by one.
@@ -110,7 +116,10 @@ def _steady(at, where, off, k, size, n, psi, out):
 
 
 @_jit
-def _loops(at, where, off, closed, k, size, n, psi, out):
+def _loops(
+    at: Array, where: NDArray[np.int64], off: Array, closed: bool, k: Array, size: Array, n: Array, psi: Array,
+    out: Array,
+) -> None:  # fmt: skip
     """All draws of one way: k, size (Z), n (draws,), psi (draws, 8), out (draws, samples)."""
     for d in range(k.size):
         if not (0.0 < k[d] < math.inf and 0.0 < size[d] < math.inf and 0.0 < n[d] < math.inf):

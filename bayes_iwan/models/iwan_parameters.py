@@ -16,7 +16,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.models import embedded_error, normal_force, slip_force, stiffness
-from bayes_iwan.models.parameter import Parameter
+from bayes_iwan.models.parameter import Distribution, Parameter
 from bayes_iwan.models.scales import Scales
 from bayes_iwan.models.simulator import force_zero
 
@@ -36,11 +36,11 @@ STIFFNESS_SD = 1.5
 EXPONENT_PRIOR = stats.lognorm(s=2.0, scale=0.7)
 
 
-def _lognormal(median: float, sd: float):
+def _lognormal(median: float, sd: float) -> Distribution:
     return stats.lognorm(s=sd, scale=median)
 
 
-def _any_change():
+def _any_change() -> Distribution:
     return stats.t(df=2, scale=NORMAL_FORCE_SCALE)
 
 

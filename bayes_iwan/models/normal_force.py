@@ -112,7 +112,7 @@ def paper_hunt_crossley(parameter_values: ParameterValues, reference: Reference)
     return out
 
 
-def from_paper_hunt_crossley(kn, lam, beta, reference: Reference) -> dict[str, Array]:
+def from_paper_hunt_crossley(kn: Array, lam: Array, beta: Array, reference: Reference) -> dict[str, Array]:
     """normal_force_slope, normal_force_rate, beta from the paper's k̃ₙ, λ (s/m), β."""
     kn, lam, beta = (np.atleast_1d(np.asarray(x, float)) for x in (kn, lam, beta))
     scaled = kn * reference.length_mm**beta

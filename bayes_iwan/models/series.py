@@ -21,6 +21,7 @@ from functools import cache
 import numba as nb
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.models.kernels.sliders import OCTAVES
@@ -61,7 +62,9 @@ def _distribution(coefficients: Array) -> tuple[Array, Array]:
 
 
 @_jit
-def _deviating_tables(tables, top, width, value, slope, deviates, out):
+def _deviating_tables(
+    tables: Array, top: Array, width: Array, value: Array, slope: Array, deviates: NDArray[np.bool_], out: Array
+) -> None:
     """Deviating tables into out: the deviating survival at the cells' ends and middles, integrated by Simpson's rule.
 
     The share of elements beyond the quantile p is read from Hermite cubics over equal cells of p. Where each place lies

@@ -7,6 +7,7 @@ table of the unit gamma over (η^¼, x^¼), blended along η^¼, so no incomplet
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Protocol
@@ -85,7 +86,7 @@ def _unit_gamma() -> Array:
 
 
 @_jit
-def _cubics(limited, survival, width, top, out):
+def _cubics(limited: Array, survival: Array, width: Array, top: float, out: Array) -> None:
     """One draw's Hermite cubics (cells, 4) from L and S at its (cells + 1,) nodes; width (cells,) in shares of top."""
     apart_and_wide()
     for j in range(width.size):
@@ -97,13 +98,15 @@ def _cubics(limited, survival, width, top, out):
 
 
 @_jit
-def _all_cubics(limited, survival, width, top, out):
+def _all_cubics(limited: Array, survival: Array, width: Array, top: Array, out: Array) -> None:
     """:func:`_cubics` of all draws."""
     for d in range(out.shape[0]):
         _cubics(limited[d], survival[d], width, top[d], out[d])
 
 
-def _closed_form(limited, survival, top: Array) -> tuple[Array, Array]:
+def _closed_form(
+    limited: Callable[[Array], Array], survival: Callable[[Array], Array], top: Array
+) -> tuple[Array, Array]:
     """A table from closed forms limited(φ), survival(φ), with φ (draws, nodes)."""
     nodes = _nodes(FINE_CELLS)
     out = np.empty((len(top), len(nodes.width), 4))
@@ -115,8 +118,9 @@ def _closed_form(limited, survival, top: Array) -> tuple[Array, Array]:
 
 @_jit
 def _gamma_tables(
-    t, eta, g, unit, row_0, row_step, column_step, reach, root, inverse, width, limited, survival, top, out
-):  # fmt: skip
+    t: Array, eta: Array, g: Array, unit: Array, row_0: float, row_step: float, column_step: float, reach: float,
+    root: Array, inverse: Array, width: Array, limited: Array, survival: Array, top: Array, out: Array,
+) -> None:  # fmt: skip
     """Tables of mixtures: blend the unit table along η^¼ (cubic), read it along (φ/t)^¼ (Hermite), one draw at a time.
 
     What lies at the nodes goes through `limited` and `survival`, (cells + 1,). Where each node lies in the unit table,

@@ -53,7 +53,7 @@ def paper_stiffness(parameter_values: ParameterValues) -> dict[str, Array]:
     return {"ki_N_mm": final * parameter_values["stiffness_ratio"], "ku_N_mm": final}
 
 
-def from_paper_stiffness(ki, ku) -> dict[str, Array]:
+def from_paper_stiffness(ki: Array, ku: Array) -> dict[str, Array]:
     """k1 and z from the paper's k_i and k_u (N/mm)."""
     ki, ku = (np.atleast_1d(np.asarray(x, float)) for x in (ki, ku))
     return {"k1_N_mm": -ku * np.expm1(-ki / ku), "stiffness_ratio": ki / ku}

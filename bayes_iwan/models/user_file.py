@@ -100,6 +100,6 @@ def load_simulator(path: str | os.PathLike[str]) -> Simulator:
         simulator = kind()
     except TypeError as problem:
         raise ModelError(f"{path}: {kind.__name__}() must work without arguments: {problem}") from None
-    if not (isinstance(simulator.name, str) and simulator.name.isidentifier()):
+    if not (isinstance(simulator.name, str) and simulator.name.isidentifier()):  # type: ignore[redundant-expr]
         raise ModelError(f"{path}: {kind.__name__}.name = {simulator.name!r} must be one word, as a variable's")
     return simulator

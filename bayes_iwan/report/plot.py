@@ -17,11 +17,11 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.batch.specimens import Batch
 from bayes_iwan.report.comparison_page import ranking_figure
 from bayes_iwan.report.diagnosis.diagnosis_files import figures_of_diagnosis
-from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figure
 from bayes_iwan.report.identification.law_figures import normal_force_figure, slip_density_figure, stiffness_figure
 from bayes_iwan.report.identification.loops import frequencies_figure, loops_figure, paper_fig3, residuals_figure
 from bayes_iwan.report.identification.marginals import identifiable_corner, prior_posterior_figure
 from bayes_iwan.report.identification.marginals import paper_corner as paper_corner
+from bayes_iwan.report.identification.predictive_checks import loo_pit_figure, regions_figure
 from bayes_iwan.report.identification.sampling import tau_figure, traces_figure
 from bayes_iwan.report.identification.trends import trends_figure
 from bayes_iwan.report.style import relabel, save, styled

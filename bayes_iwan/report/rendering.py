@@ -79,7 +79,7 @@ class Batch:
                 png = _fewer_colours(content) if order.raster else content.getvalue()
             if "pdf" in order.files:
                 self._pages = self._pages or PdfPages(self._whole, metadata={"CreationDate": None})
-                self._pages.savefig(figure)
+                self._pages.savefig(figure)  # type: ignore[no-untyped-call]
                 self._names.append(order.name)
         return Rendered(Markup() if order.raster else svg(figure, order.name, order.alt), png)
 
@@ -88,7 +88,7 @@ class Batch:
         if self._pages is None:
             return {}
         with mpl.rc_context(RC):
-            self._pages.close()
+            self._pages.close()  # type: ignore[no-untyped-call]
         out = {}
         for name, page in zip(self._names, PdfReader(self._whole).pages):
             one, content = PdfWriter(), io.BytesIO()

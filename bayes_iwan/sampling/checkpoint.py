@@ -43,7 +43,7 @@ class Snapshot:
     damaged : bytes after the last whole record, which are omitted.
     """
 
-    state: Mapping[str, NDArray]
+    state: Mapping[str, NDArray[Any]]
     draws: Mapping[str, Array]
     log_prob: Mapping[str, Array]
     damaged: int = 0
@@ -52,7 +52,7 @@ class Snapshot:
 class Checkpoint:
     """An open checkpoint file: `append` draws of a stage, then `commit` the state that belongs to them."""
 
-    def __init__(self, file: BinaryIO, digest: bytes, state: Mapping[str, NDArray]) -> None:
+    def __init__(self, file: BinaryIO, digest: bytes, state: Mapping[str, NDArray[Any]]) -> None:
         self._file, self._digest, self._state = file, digest, dict(state)
         self._appended: dict[str, list[Array]] = {}
 
@@ -63,7 +63,7 @@ class Checkpoint:
         fingerprint: Mapping[str, str],
         names: tuple[str, ...],
         walkers: Mapping[str, int],
-        state: Mapping[str, NDArray],
+        state: Mapping[str, NDArray[Any]],
     ) -> Checkpoint:
         """A new file at `path`, put there whole with its first state, open for appending.
 
@@ -111,7 +111,7 @@ class Checkpoint:
         for kind, values in (("draws", draws), ("log_prob", log_prob)):
             self._appended.setdefault(f"{kind}/{stage}", []).append(np.asarray(values, dtype=float))
 
-    def commit(self, state: Mapping[str, NDArray]) -> None:
+    def commit(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Store the state that belongs to all draws appended so far."""
         arrays = _changes(state, self._state) | {k: np.concatenate(v) for k, v in self._appended.items()}
         record, digest = _record(arrays, self._digest)
@@ -137,7 +137,7 @@ class _Journal:
     header: dict[str, Any]
     whole: int
     digest: bytes
-    state: dict[str, NDArray]
+    state: dict[str, NDArray[Any]]
     appended: dict[str, list[Array]]
     damaged: int = 0
 
@@ -192,7 +192,7 @@ def _read(path: Path) -> _Journal:
     return journal
 
 
-def _records(file: BinaryIO) -> Iterator[tuple[dict[str, NDArray], bytes, int]]:
+def _records(file: BinaryIO) -> Iterator[tuple[dict[str, NDArray[Any]], bytes, int]]:
     """Arrays of each whole record, its checksum and where it ends; stops before the first that is not whole."""
     before, size = b"", os.fstat(file.fileno()).st_size
     while len(head := file.read(_HEAD)) == _HEAD:
@@ -207,7 +207,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[dict[str, NDArray], bytes, int]]:
             yield {k: stored[k] for k in stored.files}, before, file.tell()
 
 
-def _record(arrays: Mapping[str, NDArray], before: bytes) -> tuple[bytes, bytes]:
+def _record(arrays: Mapping[str, NDArray[Any]], before: bytes) -> tuple[bytes, bytes]:
     """The bytes of a record, and its checksum, which covers that of the record before."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
@@ -217,13 +217,13 @@ def _record(arrays: Mapping[str, NDArray], before: bytes) -> tuple[bytes, bytes]
     return length + digest + body, digest
 
 
-def _changes(state: Mapping[str, NDArray], before: Mapping[str, NDArray]) -> dict[str, NDArray]:
+def _changes(state: Mapping[str, NDArray[Any]], before: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """What a record says of a state: the names of all its arrays, and those that are not as they were."""
     changed = {f"state/{k}": v for k, v in state.items() if k not in before or not _same(before[k], v)}
     return {"keys": np.array(json.dumps(list(state)))} | changed
 
 
-def _same(a: NDArray, b: NDArray) -> bool:
+def _same(a: NDArray[Any], b: NDArray[Any]) -> bool:
     a, b = np.asarray(a), np.asarray(b)
     return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
 

@@ -186,7 +186,9 @@ LOW_PASS = FaultKind(
 # ---- what is added to the force
 
 
-def _added(shape) -> Callable[[Parameters], Acting]:
+def _added(
+    shape: Callable[[Array, Parameters, np.random.Generator], Array],
+) -> Callable[[Parameters], Acting]:
     """`shape(t, p, rng)` times the rate and the record's length; nothing before the record starts."""
 
     def acts(p: Parameters) -> Acting:
@@ -258,7 +260,7 @@ MAINS = FaultKind(
 # ---- one limit in newtons for the whole campaign
 
 
-def _clipped(shape) -> Callable[[Parameters], Acting]:
+def _clipped(shape: Callable[[Array, Parameters], Array]) -> Callable[[Parameters], Acting]:
     return lambda p: Acting(chain=Chain(saturation=lambda f: p["limit_N"] * shape(f / p["limit_N"], p)))
 
 

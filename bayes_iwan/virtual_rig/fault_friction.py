@@ -7,15 +7,18 @@ several times; Archard (1953) and Blau (2005) on wear and running-in; Ettles (19
 lowers.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.virtual_rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear, log_uniform
 from bayes_iwan.virtual_rig.kernel import FaultValues
 
 # ---- friction that falls with slip speed
 
 
-def _falling(shape):
+def _falling(shape: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
     def acts(p: Parameters) -> Acting:
         vs = 1e3 * p["v_s_m_s"]
         return Acting(rate_factor=lambda w: 1.0 - p["drop"] * shape(w / vs))
@@ -61,7 +64,7 @@ STRIBECK = FaultKind(
 # ---- friction that rises with it
 
 
-def _rising(shape):
+def _rising(shape: Callable[[Array, Parameters], Array]) -> Callable[[Parameters], Acting]:
     def acts(p: Parameters) -> Acting:
         v0 = 1e3 * p["v0_m_s"]
         return Acting(rate_factor=lambda w: 1.0 + p["c"] * shape(w / v0, p))
@@ -69,9 +72,9 @@ def _rising(shape):
     return acts
 
 
-def _power_rise(x, p: Parameters):
+def _power_rise(x: Array, p: Parameters) -> Array:
     n, floor = p["power"], 0.05  # a power of nothing has no slope: rounded at a twentieth of v0
-    return (x + floor) ** n - floor**n
+    return np.asarray((x + floor) ** n - floor**n)
 
 
 RATE = FaultKind(
@@ -118,7 +121,9 @@ LAG = FaultKind(
 # ---- friction that changes with the cycles
 
 
-def _fading(shape, by_work: bool = False, drags: bool = False):
+def _fading(
+    shape: Callable[[Array], Array], by_work: bool = False, drags: bool = False
+) -> Callable[[Parameters], Acting]:
     def acts(p: Parameters) -> Acting:
         return Acting(
             motion=FaultValues(

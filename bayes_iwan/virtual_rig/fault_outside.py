@@ -30,7 +30,15 @@ from bayes_iwan.virtual_rig.kernel import FaultValues
 from bayes_iwan.virtual_rig.sensors import Chain
 
 
-def _one(name: str, family: str, main: str, ceiling, acts, draw: Draw = lambda g, s: {}, evolves=False) -> FaultKind:
+def _one(
+    name: str,
+    family: str,
+    main: str,
+    ceiling: Callable[[Surroundings], float],
+    acts: Callable[[Parameters], Acting],
+    draw: Draw = lambda g, s: {},
+    evolves: bool = False,
+) -> FaultKind:
     return FaultKind(
         name, main, linear(ceiling), (Law(name, acts, evolves=evolves),), draw, listed=False, family=family
     )
@@ -42,7 +50,9 @@ def _base(p: Parameters) -> Acting:
     return Acting(motion=FaultValues(base_k=k, base_mass_kg=mass_kg, base_damping_ratio=p["damping_ratio"]))
 
 
-def _adding(shape: Callable[[Parameters, Array, Array, Array, np.random.Generator], Array]):
+def _adding(
+    shape: Callable[[Parameters, Array, Array, Array, np.random.Generator], Array],
+) -> Callable[[Parameters], Acting]:
     """What is added to the force: shape(parameters, times, cycles, displacement, random generator)."""
 
     def acts(p: Parameters) -> Acting:

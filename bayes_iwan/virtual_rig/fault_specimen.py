@@ -5,10 +5,12 @@ Carreau (1972) on shear thinning; Terenzi (1999) on dampers with |v|^p; Johnson,
 Crossley (1975) on stops; Fung (1967) on exponential hardening.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.virtual_rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear, log_uniform
+from bayes_iwan.virtual_rig.fault import Acting, Draw, FaultKind, Law, Parameters, Surroundings, linear, log_uniform
 from bayes_iwan.virtual_rig.kernel import FaultValues
 
 
@@ -166,7 +168,7 @@ def _sinh_spring(p: Parameters) -> Acting:
     return Acting(displacement_force=lambda d: k * (d0 * np.sinh(d / d0) - d) / np.sinh(p["reach_mm"] / d0))
 
 
-def _draw_knee(low: float, high: float):
+def _draw_knee(low: float, high: float) -> Draw:
     return lambda g, s: {"reach_mm": s.largest_mm, "bend_share": float(g.uniform(low, high))}
 
 
@@ -187,7 +189,7 @@ CUBIC = FaultKind(
 # ---- a stop on one side
 
 
-def _stop(power: float, loss: bool = False):
+def _stop(power: float, loss: bool = False) -> Callable[[Parameters], Acting]:
     def acts(p: Parameters) -> Acting:
         k = p["k_N_mm"] * p.get("indent_mm", 1.0) ** (1.0 - power)
         lost = p["loss_s_m"] if loss else 0.0

@@ -1,11 +1,13 @@
 """Headings in other languages and encodings, rows of labels, and signs that are neither unit nor number."""
 
+import string
+
 import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
-from bayes_iwan.campaign.importing.unit_texts import role_of
+from bayes_iwan.campaign.importing.unit_texts import role_of, split_name
 
 RATE, N = 250.0, 500
 T = np.arange(N) / RATE
@@ -164,8 +166,6 @@ def test_headings_merged_over_several_rows_name_each_column(tmp_path):
 @pytest.mark.parametrize(
     ("start", "what"),
     [
-        ('[{"t": 0.1, "x": 2}, {"t": 0.2, "x": 3}]', "JSON"),
-        ('{"t": [0.1, 0.2], "x": [3, 4]}', "JSON"),
         ("<table><tr><td>1</td></tr></table>", "XML or HTML"),
         ("CDF\x01" + 99 * "\0", "netCDF 3"),
         ("FORMAT" + 99 * "\0", "no text, .* export it as CSV"),
@@ -181,3 +181,73 @@ def test_a_rate_that_a_time_without_a_unit_contradicts_is_asked_of(tmp_path):
     with pytest.raises(CampaignError, match=r"250 samples a second by the file, 900.* by 'Time'.*--time none"):
         record(tmp_path, text)
     same(record(tmp_path, text, recipe=Recipe(channels={"time": "none"})))
+
+
+@pytest.mark.parametrize(
+    ("stem", "written"),
+    [
+        ("force", "n kn mn g kg kp lb lbf kip kgf pa kpa mpa bar psi nm newton v mv"),
+        ("disp", "m mm cm um nm in inch inches ft deg grad rad mil thou v mv"),
+        ("time", "s ms us ns sec min v mv"),
+    ],
+)
+def test_a_letter_or_word_behind_a_name_is_a_unit_only_if_recorders_write_it(stem, written):
+    """pint knows year (a), day (d), barns (b), points, chains ...: in a heading these are load cells and sides."""
+    pint = pytest.importorskip("pint")
+    letters = [a + b for a in ["", *string.ascii_letters] for b in string.ascii_letters]
+    for ending in letters + [x for x in pint.UnitRegistry()._units if x.isalpha() and len(x) < 7]:
+        whole = f"{stem}_{ending}"
+        assert split_name(whole) == (whole, "") or ending.lower() in written.split(), ending
+
+
+@pytest.mark.parametrize(
+    "name", ["force_N_2", "Load cell (100 N)", "Force (kN*10)", "force_dyn", "force_h", "Force (counts)", "Force (-N)"]
+)
+def test_what_is_no_unit_of_a_sample_is_asked_for(tmp_path, name):
+    with pytest.raises(
+        ImportAsks, match=r"'force|'[LF]o.*(states no unit|what is a sample of 1)|No channel is known as force"
+    ):
+        record(tmp_path, rows([f"Time (s);Disp (um);{name}"], T, X, F))
+
+
+def test_a_count_of_cycles_is_no_angle(tmp_path):
+    with pytest.raises(ImportAsks, match=r"'Machine_Displacement' \(displacement\) states no unit"):
+        record(tmp_path, rows(["Machine_N_cycles;Machine_Load;Machine_Displacement"], np.floor(5 * T), F, X))
+
+
+@pytest.mark.parametrize("head", ["Time (s);Angle (mrad);Torque (nm)", "time_s;angle_mrad;torque_nm"])
+def test_nm_of_a_torque_is_no_length(tmp_path, head):
+    same(record(tmp_path, rows([head], T, X / 1e3, F)))
+
+
+@pytest.mark.parametrize("unit", ["ft-lbs", "lbf.ft", "ft·lb", "lb-ft"])
+def test_products_of_units_in_any_spelling(tmp_path, unit):
+    text = rows([f"Time (s);Angle (º);Torque ({unit})"], T, np.rad2deg(X / 1e6), F / 1.3558179483314)
+    same(record(tmp_path, text), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "时间(s);位移(um);载荷(N);压缩应力(MPa)",  # Bluehill: 应力 is a stress
+        "Time (s);Stroke (um);Friction force (N);Normal force (N)",
+        "Time (s);Pos (um);Load (N);Stress (MPa)",
+    ],
+)
+def test_neither_a_stress_nor_a_normal_force_is_the_force(tmp_path, head):
+    same(record(tmp_path, rows([head], T, X, F, F + 1)))
+
+
+def test_a_force_along_x_is_no_displacement(tmp_path):
+    text = rows(["t;ft.force.x;ft.force.z;stage.pos"], T, F, F + 1, X)
+    with pytest.raises(ImportAsks, match=r"Which channel is the force: ft.force.x, ft.force.z\? .*states no unit"):
+        record(tmp_path, text)
+    same(
+        record(
+            tmp_path, text, recipe=Recipe({"force": "ft.force.x"}, {"force": "N", "displacement": "um", "time": "s"})
+        )
+    )
+
+
+def test_a_revolution_is_an_angle():
+    assert split_name("Angle (rev)") == ("Angle", "rev") and role_of("rev") == "displacement"

@@ -3,6 +3,8 @@
 Each form is written after the program's own exports: its preamble, its marks, its units and its side channels.
 """
 
+import json
+
 import numpy as np
 import pytest
 
@@ -37,6 +39,28 @@ def french(values, digits=6):
     return [f"{v:,.{digits}f}".replace(",", "\u202f").replace(".", ",") for v in values]
 
 
+_T, _X, _F = ([round(float(v), 6) for v in values] for values in (T, X, F))
+#: a value of JSON, and what must be said of it
+JSON = {
+    "columns": ({"time_s": _T, "disp_mm": _X, "force_N": _F}, {}),
+    "records": ([{"t_s": t, "stage": {"disp_mm": x}, "force_N": f} for t, x, f in zip(_T, _X, _F)], {}),
+    "rows": ([[t, x, f] for t, x, f in zip(_T, _X, _F)],
+             {"channels": {"time": "1", "displacement": "2", "force": "3"},
+              "units": {"time": "s", "displacement": "mm", "force": "N"}}),
+    "split": ({"columns": ["time_s", "disp_mm", "force_N"], "index": list(range(N)),
+               "data": [[t, x, f] for t, x, f in zip(_T, _X, _F)]}, {}),
+    "pandas": ({k: dict(enumerate(v)) for k, v in (("time_s", _T), ("disp_mm", _X), ("force_N", _F))}, {}),
+    "settings": ({"meta": {"sample_rate_hz": RATE}, "units": {"disp": "mm", "force": "N"},
+                  "data": {"disp": _X, "force": _F}}, {}),
+    "rates": ({"channels": [{"name": "disp", "unit": "mm", "sample_rate": RATE, "values": _X},
+                            {"name": "force", "unit": "N", "sample_rate": RATE / 2, "values": _F[::2]}]}, {}),
+    "gaps": ({"time_s": _T, "disp_mm": [None, *_X[1:]], "force_N": [*_F[:-1], float("nan")]}, {}),
+}  # fmt: skip
+TEK = [
+    "Record Length,1.0e+03,", "Sample Interval,2.000000e-03,", ",,", "Source,CH1,", "Vertical Units,V,", "Pt Fmt,Y,",
+    "Model Number,TBS1072B,", "Firmware Version,FV:v4.06,",
+]  # fmt: skip
+MICSIG = ["Model,TO1104,", "Channel,CH1,", "Sample,500Sa/s,", "Points,1000,"]
 ASCENDING = [str(k) for k in range(1, N + 1)]
 FORMS = {
     # measuring software
@@ -56,6 +80,9 @@ FORMS = {
                 decimal=","),
         {}),
     "famos": (table(["x-Achse;Weg;Kraft", "s;mm;N"], T, X, F, separator=";", decimal=","), {}),
+    "famos_labels": (
+        table(["Name:\tWeg\tKraft", "Y-Einheit:\tmm\tN", "X-Delta:\t0,002\t0,002"], [""] * N, X, F, separator="\t",
+              decimal=","), {}),
     "famos_no_x": (table(["Weg;Kraft", "mm;N", "dx = 0,002 s;dx = 0,002 s"], X, F, separator=";", decimal=","), {}),
     "diadem": (
         table(["DIAHEADER", "Zeit;Weg;Kraft", "s;mm;kN", "DOUBLE;DOUBLE;DOUBLE"], T, X, F / 1e3, separator=";",
@@ -64,6 +91,13 @@ FORMS = {
         table(["Title1\tRun 3", "Point id\tS1:+X", "X axis\tTime", "", "Time\tDisplacement\tForce", "s\tmm\tN"],
               T, X, F, separator="\t"), {}),
     "testlab_blanks": (table(["% Simcenter Testlab", "%  Time s   Disp mm   Force N"], T, X, F, separator="   "), {}),
+    "labview_waveforms": (
+        table(["waveform\tWeg (mm)\tKraft (N)", "t0\t4/22/2018  13:45:12.100572\t4/22/2018  13:45:12.100572",
+               "delta t\t2.000000E-3\t2.000000E-3", "", "time\tY[0]\tY[1]"], clock("%m/%d/%Y  %H:%M:%S.%f"), X, F,
+              separator="\t"), {}),
+    "labview_one_header": (
+        table(["LabVIEW Measurement", "Separator\tTab", "***End_of_Header***", "Time\tWeg[mm]\tKraft[N]"], T, X, F,
+              separator="\t"), {}),
     "labview_spreadsheet": (table(["Time (s)\tStroke (mm)\tLoad (N)"], T, X, F, separator="\t", end="\r\n"), {}),
     "signalexpress": (
         table(["channel names: ", "Zeit*\tWeg - Alle Daten (mm)\tKraft - Alle Daten (N)"], T, X, F,
@@ -73,6 +107,7 @@ FORMS = {
     "bluehill": (
         table(["Results Table 1", ",Maximum Load,Break", ",(N),(mm)", "1,1800.0,1.25", "", "Raw Data",
                "Time,Extension,Load", "(s),(mm),(N)"], T, X, F), {}),
+    "keyence_cycle": (table(["Sampling cycle,2000us", "No.,Disp,Force", ",mm,N"], ASCENDING, X, F), {}),
     "bluehill_quoted": (table(['"Time","Displacement","Force"', '"(s)","(mm)","(kN)"'],
                               *([f'"{v:.6f}"' for v in c] for c in (T, X, F / 1e3))), {}),
     "bluehill_units_after": (table(["Time sec,Extension mm,Load N"], T, X, F), {}),
@@ -111,6 +146,12 @@ FORMS = {
         table(["X,CH1,CH2,Start,Increment", "Sequence,VOLT,VOLT,0.000000e+00,2.000000e-03"],
               [str(k) for k in range(N)], X / 10, F / 1000, fmt="{:.6e}"),
         {"channels": {"displacement": "CH1", "force": "CH2"},
+         "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
+    "micsig": (
+        table(["ProID,Info,,time,Vol.,,ProID,Info,,time,Vol.,"],
+              [*MICSIG, *[",,"] * (N - len(MICSIG))], T, X / 10, [""] * N, [*MICSIG, *[",,"] * (N - len(MICSIG))], T,
+              F / 1000, [""] * N, fmt="{:.9f}"),
+        {"channels": {"displacement": "2", "force": "4"},
          "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
     "picoscope_ms": (
         table(["Time,Channel A,Channel B", "(ms),(mV),(V)", ""], T * 1e3, X * 100, F / 1000),
@@ -175,6 +216,17 @@ FORMS = {
     "matlab_timetable": (table(["Time,disp_mm,force_N"], [f"{t:.3f} sec" for t in T], X, F), {}),
     "json_lines": ("".join(f'{{"t": {t:.4f}, "disp_mm": {x:.5f}, "force_N": {f:.3f}}}\n' for t, x, f in zip(T, X, F)),
                    {}),
+    **{f"json_{name}": (json.dumps(value), options) for name, (value, options) in JSON.items()},
+    "interval_and_its_unit": (table(["Sampling interval,2000,us", "Disp (mm),Force (N)"], X, F), {}),
+    "step_unit_below": (table(["X increment: 2", "X unit: ms", "Disp (mm);Force (N)"], X, F, separator=";"), {}),
+    "step_unit_of_each": (table(["X-Einheit:;ms;ms", "X-Delta:;2;2", "Zeit;Weg (mm);Kraft (N)"], [""] * N, X, F,
+                                separator=";"), {}),
+    "separators_behind_rows": (table(["Time (s);Disp (mm);Force (N)"], T, X, F, [""] * N, [""] * N, separator=";"), {}),
+    "ruler": (table(["time (s) | disp (mm) | force (N)", "--- | --- | ---"], T, X, F, separator=" | "), {}),
+    "remarks_with_commas": (table(["time_s,disp_mm,force_N"], T, X, F).replace("\n0.3", "\n% pause 3,5,7\n0.3", 1), {}),
+    "excel_errors": (table(["time_s,disp_mm,force_N"], T, X, ["#DIV/0!", *map("{:.6f}".format, F[1:])]), {}),
+    "sensor_behind_unit": (table(["Time (s),Disp [mm] (LVDT 1),Force [N] (cell A)"], T, X, F), {}),
+    "utc": (table(["time,disp_mm,force_N"], clock("%Y-%m-%d %H:%M:%S.%f UTC"), X, F), {}),
     "pandas_timedelta": (table(["time,disp_mm,force_N"], [f"0 days 00:00:{t:09.6f}" for t in T], X, F), {}),
     "milliseconds_without_zeros": (
         table(["Time;Disp (mm);Force (N)"], [f"12:00:{round(1e3 * t) // 1000:02d}.{round(1e3 * t) % 1000}" for t in T],
@@ -210,3 +262,87 @@ def test_a_logger_s_export(tmp_path, name, encoding):
     (test,) = import_tests([file], Recipe(**options))
     assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
     assert test.loop.frequency_hz == pytest.approx(FREQUENCY, rel=1e-3)
+
+
+def test_specimens_one_below_another_with_numbers_in_their_headers(tmp_path):
+    """As Bluehill writes raw data of several specimens."""
+    blocks = [f"{k},Time,Displacement,Force\n,(s),(mm),(N)\n" + table([], [""] * N, T, X * k, F * k) for k in (1, 2)]
+    (tmp_path / "a.csv").write_text("Results Table 1\n,Width,Area\n,(mm),(mm^2)\n1,24.7,77.2\n\n" + "\n".join(blocks))
+    first, second = import_tests([tmp_path / "a.csv"])
+    assert energy(first) == pytest.approx(ENERGY_NMM, rel=0.003)
+    assert energy(second) == pytest.approx(4 * ENERGY_NMM, rel=0.003)
+
+
+def test_rows_with_remarks_beside_them_are_samples(tmp_path):
+    """A TBS1072B writes F0000CH1.CSV and F0000CH2.CSV, each with its settings beside the first rows."""
+    for k, values in ((1, X / 10), (2, F / 1000)):
+        side = [x.replace("CH1", f"CH{k}") for x in TEK] + [",,"] * (N - len(TEK))
+        (tmp_path / f"F0000CH{k}.CSV").write_text(table([], side, T, values, [""] * N, fmt="{:.9f}"))
+    options = {"displacement": "10 mm/V", "force": "1000 N/V"}
+    recipe = Recipe(channels={"displacement": "CH1", "force": "CH2"}, sensitivities=options)
+    (test,) = import_tests(sorted(tmp_path.iterdir()), recipe, join=True)
+    assert test.record.time_s.size == N
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+
+
+def test_what_is_asked_of_channels_that_are_not_chosen_yet_is_asked_at_once(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["t (s),force.x,force.z,pos"], T, F, F + 1, X))
+    with pytest.raises(CampaignError, match=r'--force "NAME" --unit "force=UNIT" --unit "displacement=UNIT"'):
+        import_tests([tmp_path / "a.csv"])
+
+
+@pytest.mark.parametrize(
+    ("head", "columns", "asked"),
+    [
+        ("Sample rate: 5000 Hz\nDecimation: 10\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Sample rate: 5000 Hz\nSaved: every 10th sample\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Sample rate: 5000 Hz\nAveraging: 10\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Scan rate: 5000 Hz\nStorage rate: 500 Hz\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Sample rate: 30000 /min\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Sampling interval: 2\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Time (1/100 s),Disp (mm),Force (N)", (100 * T, X, F), r"'Time \(1/100 s\)' goes up by .* no unit"),
+        ("Zeit in 1/10 s;Weg in mm;Kraft in N", (10 * T, X, F), "'Zeit in 1/10 s' goes up by .* no unit"),
+        ("Time s;Disp 0.01 mm;Force N", (T, 100 * X, F), "states no unit"),
+        ("Time (s),Disp (mm) [um],Force (N)", (T, X, F), "states no unit"),
+        ("Time (s),Disp (mm),Force (%)", (T, X, F), r"is in %: what is a sample of 1\?"),
+    ],
+)
+def test_a_rate_or_unit_that_may_be_another_is_asked(tmp_path, head, columns, asked):
+    """Samples that were thinned, steps of nobody knows what, and numbers before a unit."""
+    (tmp_path / "a.csv").write_text(table([head], *columns, separator=";" if ";" in head else ","))
+    with pytest.raises(CampaignError, match=asked):
+        import_tests([tmp_path / "a.csv"])
+
+
+def test_a_rate_that_a_time_channel_contradicts_is_not_passed_over(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["Time [samples],Disp (mm),Force (N)"], np.arange(N), X, F))
+    with pytest.raises(CampaignError, match=r"500 samples a second as you say, 1 by 'Time .*--time none"):
+        import_tests([tmp_path / "a.csv"], Recipe(sample_rate_hz=500))
+    (test,) = import_tests([tmp_path / "a.csv"], Recipe(sample_rate_hz=500, channels={"time": "none"}))
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ('{"t": [0.1, 0.2', "damaged JSON"),
+        ('{"a": [1, 2]}', "no signals of 16 samples"),
+        (f'{{"a": [{", ".join(["9" * 400] * 16)}]}}', "No channel is known as force"),  # larger than any number
+    ],
+)
+def test_json_that_holds_no_recording(tmp_path, text, what):
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(CampaignError, match=what):
+        import_tests([tmp_path / "a.json"])
+
+
+def test_hidden_sheets_are_left_out(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for sheet, size in ((book.active, 1.0), (book.create_sheet("old"), 2.0)):
+        for row in [("Time (s)", "Disp (mm)", "Force (N)"), *zip(_T, (size * X).tolist(), (size * F).tolist())]:
+            sheet.append(row)
+    book["old"].sheet_state = "hidden"
+    book.save(tmp_path / "a.xlsx")
+    (test,) = import_tests([tmp_path / "a.xlsx"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)

@@ -1,9 +1,11 @@
 """Few cycles: what was before the record, corners under noise, a plateau at its start, and tests of one staircase."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign import Record, average
+from bayes_iwan.campaign import CampaignError, Record, average
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record
 
@@ -54,6 +56,22 @@ def test_the_first_quarter_cycle_from_rest_is_left_out(wave, cycles):
     assert energy(loop.displacement_mm, loop.force_N) == pytest.approx(expected, rel=0.015)
     assert loop.amplitude_mm == pytest.approx(1, abs=0.01)
     assert any("run-in" in x or "what was before" in x for x in checked.warnings)
+
+
+@pytest.mark.parametrize("cycles", [5, 6])
+def test_rows_lost_in_few_cycles_are_found_though_the_time_runs_on(cycles):
+    """A quarter of a cycle is missing: the frequency would be 5 % too high."""
+    whole = recorded(sine, cycles, rest=False, noise=1e-3)
+    kept = np.delete(np.arange(whole.time_s.size), np.arange(230, 255))
+    lost = replace(
+        whole,
+        time_s=whole.time_s[: kept.size],
+        displacement_mm=whole.displacement_mm[kept],
+        force_N=whole.force_N[kept],
+    )
+    with pytest.raises(CampaignError, match=r"jumps by \+[89]\d° near 2\.\d+ s, while the time column runs on"):
+        check_record(lost)
+    check_record(whole)
 
 
 def test_a_specimen_that_moved_before_loses_nothing():

@@ -8,8 +8,8 @@ import scipy.io
 
 from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.importer import import_tests
 from bayes_iwan.campaign.importing.questions import ImportAsks
-from bayes_iwan.campaign.importing.run import import_tests
 
 N, RATE_HZ, FREQUENCY_HZ, LATE_S = 1000, 250.0, 5.0, 0.008
 T = np.arange(N) / RATE_HZ
@@ -134,3 +134,120 @@ def test_formats_that_are_not_read_are_named(tmp_path, start, what):
     (tmp_path / "a.dat").write_bytes(start + bytes(500))
     with pytest.raises(CampaignError, match=what):
         import_tests([tmp_path / "a.dat"])
+
+
+DAY = "2024-03-14 "
+STARTS = {"iso": "2024-03-14T09:26:53.{:03d}", "space": DAY + "09:26:53.{:03d}", "day": "09:26:53.{:03d}"}
+
+
+def began(form, late_s):
+    return STARTS[form].format(round(1e3 * late_s))
+
+
+def one_channel(folder, form, name, unit, values, late_s):
+    """A file with one channel that says in its own way when it began."""
+    path = folder / f"run1_{name}"
+    moments = np.datetime64(began("iso", late_s)) + np.rint(1e6 * T).astype("timedelta64[us]")
+    if form == "stamps":
+        return text(path.with_suffix(".csv"), [f"time;{name} ({unit})"], [str(x) for x in moments], values)
+    if form == "times of day":
+        return text(path.with_suffix(".csv"), [f"time;{name} ({unit})"], [str(x)[11:] for x in moments], values)
+    if form == "dates beside":
+        cells = ([str(x)[:10] for x in moments], [str(x)[11:] for x in moments])
+        return text(path.with_suffix(".csv"), [f"Date;Time;{name} ({unit})"], *cells, values)
+    if form == "seconds since 1970":
+        return text(path.with_suffix(".csv"), [f"t;{name} ({unit})"], T + 1.7e9 + late_s, values)
+    if form in ("preamble", "preamble in ms"):
+        size, clock = (1e3, "ms") if form.endswith("ms") else (1.0, "s")
+        head = [f"Start time: {began('space', late_s)}", f"time ({clock});{name} ({unit})"]
+        return text(path.with_suffix(".csv"), head, size * T, values)
+    if form == "lvm":
+        keys = f"Date\t2024/03/14\nTime\t{began('day', late_s)}\n"
+        head = f"{keys}X0\t0\nDelta_X\t{1 / RATE_HZ}\nY_Unit_Label\t{unit}\n***End_of_Header***\nX_Value\t{name}\n"
+        body = "".join(f"{t:.6f}\t{x:.9f}\n" for t, x in zip(T, values))
+        path.with_suffix(".lvm").write_text(f"LabVIEW Measurement\n***End_of_Header***\n\n{head}{body}")
+        return path.with_suffix(".lvm")
+    if form == "parquet":
+        pd.DataFrame({"time": moments, f"{name}_{unit}": values}).to_parquet(path.with_suffix(".parquet"))
+        return path.with_suffix(".parquet")
+    if form == "hdf5":
+        with h5py.File(path.with_suffix(".h5"), "w") as out:
+            out[name] = values
+            out[name].attrs.update({"unit": unit, "sample_rate": RATE_HZ, "start_time": 1.7e9 + late_s})
+        return path.with_suffix(".h5")
+    nptdms = pytest.importorskip("nptdms")
+    properties = {"unit_string": unit, "wf_increment": 1 / RATE_HZ, "wf_start_time": moments[0]}
+    with nptdms.TdmsWriter(path.with_suffix(".tdms")) as out:
+        out.write_segment([nptdms.ChannelObject("g", name, values, properties)])
+    return path.with_suffix(".tdms")
+
+
+@pytest.mark.parametrize(
+    "form",
+    "stamps, times of day, dates beside, seconds since 1970, preamble, preamble in ms, lvm, parquet, hdf5, tdms".split(
+        ", "
+    ),
+)
+def test_files_that_say_when_they_began_are_aligned_by_it(tmp_path, form):
+    files = [
+        one_channel(tmp_path, form, "disp", "mm", U, 0.0),
+        one_channel(tmp_path, form, "force", "N", LATE_F, LATE_S),
+    ]
+    (test,) = import_tests(files)
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+    assert not any("one clock" in x for x in test.record.warnings)
+
+
+def test_files_that_do_not_say_when_they_began_are_said_to(tmp_path):
+    files = [
+        text(tmp_path / f"{n}.csv", [f"t (s);{n} ({u})"], T, x) for n, u, x in (("disp", "mm", U), ("force", "N", F))
+    ]
+    (test,) = import_tests(files)
+    assert any("do not say when they began" in x for x in test.record.warnings)
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+
+
+def test_starts_since_1970_align_the_channels_of_one_file(tmp_path):
+    laser = {"disp_mm": U, "fs": RATE_HZ, "t0": 1.7e9}
+    scipy.io.savemat(
+        tmp_path / "a.mat", {"laser": laser, "cell": {"force_N": LATE_F, "fs": RATE_HZ, "t0": 1.7e9 + LATE_S}}
+    )
+    (test,) = import_tests([tmp_path / "a.mat"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+    assert not any("not applied" in x for x in test.record.warnings)
+
+
+@pytest.mark.parametrize("word", ["sensitivity", "Resolution", "offset", "scale", "gain", "Empfindlichkeit"])
+@pytest.mark.parametrize("value", [9.55, "9.55 mV/N"])
+@pytest.mark.parametrize("form", ["hdf5", "mat", "tdms"])
+def test_what_a_channel_states_and_nothing_applies_is_said(tmp_path, word, value, form):
+    columns = {"t": (T, "s", {}), "disp": (U, "mm", {}), "force": (F, "N", {word: value})}
+    if form == "hdf5":
+        with h5py.File(tmp_path / "a", "w") as out:
+            for name, (values, unit, more) in columns.items():
+                out[name] = values
+                out[name].attrs.update({"unit": unit, **more})
+    elif form == "mat":
+        scipy.io.savemat(
+            tmp_path / "a.mat", {"run": {f"{k}_{u}": x for k, (x, u, _) in columns.items()} | {word: value}}
+        )
+        (tmp_path / "a.mat").rename(tmp_path / "a")
+    else:
+        nptdms = pytest.importorskip("nptdms")
+        with nptdms.TdmsWriter(tmp_path / "a") as out:
+            out.write_segment(
+                [nptdms.ChannelObject("g", k, x, {"unit_string": u, **more}) for k, (x, u, more) in columns.items()]
+            )
+    (test,) = import_tests([tmp_path / "a"])
+    assert any(f"{word} = 9.55" in x and "which is not applied" in x for x in test.record.warnings)
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+
+
+def test_packed_numbers_of_netcdf_are_unpacked(tmp_path):
+    with h5py.File(tmp_path / "a.nc", "w") as out:
+        for name, values, unit in (("time", T, "s"), ("displacement", U, "mm"), ("force", F, "N")):
+            out[name] = np.rint((values - 3.0) / 1e-3).astype("i4")
+            out[name].attrs.update({"units": unit, "scale_factor": 1e-3, "add_offset": 3.0})
+    (test,) = import_tests([tmp_path / "a.nc"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+    assert not any("not applied" in x for x in test.record.warnings)

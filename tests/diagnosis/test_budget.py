@@ -17,10 +17,12 @@ from bayes_iwan.diagnosis.assessment.calibration import (
 )
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.assessment.verdict import (
+    candidates_of,
     contributing,
     named_by,
     one_of,
     refused,
+    resembled,
     unknown_cause_probability,
     usual_form,
 )
@@ -153,6 +155,15 @@ def test_a_name_is_refused_however_probable(change, why):
         assert contributing([f], one_set(f))[f.name] == REFUSED
 
 
+def test_a_gap_resembles_what_removes_some_of_it_on_held_out_tests():
+    steady = replace(SURE, name="lagging_force", gain=20.0)
+    idle = replace(SURE, name="lagging_reading", gain=90.0, held_out=0.0)
+    assert resembled([SURE, idle]) is None and resembled([idle, steady, SURE]) is steady
+    assert resembled([replace(steady, fitted=-0.019, alone=-0.039)]) is None
+    once = replace(idle, held_out=np.nan)
+    assert resembled([once, steady]) is once
+
+
 def test_what_the_best_set_lacks_is_not_probable():
     sets = {frozenset({"moving_mass"}): 0.3, **{frozenset({"end_stop", n}): 0.35 for n in ("free_play", "force_drift")}}
     p = contributing([SURE], sets)
@@ -201,6 +212,25 @@ def test_a_form_of_the_base_and_effects_that_cannot_be_told_from_it_are_said_tog
     form = {"slip_forces_free": 0.0, "stiffness_law_free": 0.0}
     assert one_of([replace(place, alternatives=form)], (), {frozenset({n}): 0.5 for n in form}, c) == ()
     assert one_of([place], ("slip_forces_free",), sets, c) == ()
+
+
+def test_of_two_that_look_alike_and_share_a_cause_one_is_said_to_contribute():
+    """Each removes next to nothing as the last one, since the other takes its part over."""
+    names, sets, c = (
+        ("moving_mass", "maxwell_branch"),
+        {frozenset({"moving_mass", "maxwell_branch"}): 1.0},
+        calibration(),
+    )
+    both = [
+        replace(SURE, name=n, alternatives={n: 0.0}, fitted=0.01, alone=0.3, beside=tuple({*names} - {n}))
+        for n in names
+    ]
+    assert named_by(both, sets) == ()
+    (said,) = one_of(both, (), sets, c)
+    assert set(said.names) == set(names) and said.share == 0.3
+    assert one_of([replace(f, alone=0.01) for f in both], (), sets, c) == ()
+    assert one_of([replace(f, beside=()) for f in both], (), sets, c) == ()
+    assert candidates_of(both[0], c) == names and one_of(both, names[:1], sets, c) == ()  # a tie of what is named
 
 
 def test_what_nothing_of_the_catalogue_fills_is_not_said_to_be_one_of_it():

@@ -7,6 +7,7 @@ import pytest
 
 from bayes_iwan.campaign.loops.averaging import TRUSTED_BAND
 from bayes_iwan.diagnosis.fits.data import MAINS_HZ, TREND_HARMONICS, gap_data, predicted
+from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN, DiscrepancySize
 from bayes_iwan.diagnosis.fits.evidence import base_problem
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.effects.along_record import ForceDrift, ForceDriftByTest, MainsInterference
@@ -119,6 +120,24 @@ def test_line_at_a_harmonic_says_nothing(kit):
     assert np.isinf(data.mains_noise_N[2]).all()
 
 
+def test_of_few_cycles_mains_are_found_beside_a_harmonic_unless_the_loops_leak_as_much(kit):
+    """Ten cycles: no frequency is five cycles over the record from every harmonic."""
+    tests = [(1280 / 175, 0.4), (1280 / 157, 0.9)]  # 1.6 and 1.3 cycles from the seventh and the sixth harmonic
+
+    def line_of(**options):
+        data = gap_data(kit.made_up(kit.specimen_force, tests, noise_N=0.01, cycles=10, **options).loops(**kit.small))
+        return np.abs(data.mains_N[:, 0]), data.mains_noise_N[:, 0]
+
+    line_N, noise_N = line_of(extra=hum(50.0, 0.05, 0.4))
+    np.testing.assert_allclose(line_N, 0.05, rtol=0.25)
+    assert np.all(line_N > 4.0 * noise_N)
+
+    def fading(time, test):
+        return np.exp(-time) * np.cos(2.0 * np.pi * (7, 6)[test] * tests[test][0] * time)
+
+    assert np.isinf(line_of(extra=fading)[1]).all()
+
+
 def test_mains_beside_a_harmonic_are_found_as_a_harmonic_that_turns(kit):
     """Tests at 10 Hz, whose fifth harmonic is nearer to the mains than a record resolves."""
     mains = (49.93, 50.01, 50.08, 50.04)
@@ -228,6 +247,20 @@ def test_predicted_third_harmonic_of_a_hum_is_locked_to_it(kit):
     mean, _, _ = difference(MainsInterference(kit.scales, files(still)), parameter_values, still, kit)
     np.testing.assert_allclose(mean, hums.harmonics_N - still.harmonics_N, atol=5e-5)
     assert np.all(np.abs(mean[:, 15]) > 0.014)
+
+
+def test_a_steady_model_pays_for_every_change_and_line_by_half_their_squares(data_of):
+    """Cosine and sine of each, in units of noise; alone, lines are all that its constant holds."""
+    data = data_of(noise_N=0.02, cycles=40, extra=hum(50.1, 0.05, 0.4))
+    changes, lines = (
+        float(np.sum(np.abs(x / noise) ** 2))
+        for x, noise in ((data.trend_N, data.trend_noise_N), (data.mains_N, data.mains_noise_N))
+    )
+    assert changes > 50.0 and lines > 50.0
+    cost = data.layout(BETWEEN[0], False).steady_cost(DiscrepancySize(0.3, 0.1, 0.0))
+    assert cost == pytest.approx(0.5 * (changes + lines))
+    unchanging = replace(data, trend_noise_N=np.full_like(data.trend_noise_N, np.inf))
+    assert unchanging.layout(BETWEEN[0], False).constant == pytest.approx(-0.5 * lines)
 
 
 def files(data):

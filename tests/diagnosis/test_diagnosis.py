@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from bayes_iwan.campaign import read_campaign, write_campaign
+from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
+from bayes_iwan.diagnosis import diagnosis
 from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict, write_answer
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS, SavedFitsError, find_shares
 from bayes_iwan.diagnosis.answer.wording import strength
 from bayes_iwan.diagnosis.assessment.budget import Kind
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
-from bayes_iwan.diagnosis.diagnosis import BASES, _parameters, diagnose_loops, in_cycles
+from bayes_iwan.diagnosis.diagnosis import BASES, _next, _parameters, diagnose_campaign, diagnose_loops, in_cycles
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.evidence import base_problem, fit_model, in_newtons
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
@@ -26,6 +27,7 @@ from bayes_iwan.effects.catalogue import NAMES
 from bayes_iwan.effects.friction import FrictionFade
 from bayes_iwan.files import finite, write_json
 from bayes_iwan.inference.identify import identify_problem
+from bayes_iwan.inference.setup.config import ConfigError
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.problem import iwan_model, make_problem
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -117,6 +119,10 @@ def test_the_answers_sentence_names_the_cause_with_its_number_and_shares(viscous
 def test_a_gap_without_a_name_has_suspects(viscous):
     """Where no set but the base is probable the dashpot's gap is unknown; alone in the model it would remove it."""
     verdict = verdict_of(replace(viscous.found, sets={frozenset(): 1.0}), calibration())
+    # no effect contributes: then it is none or an unknown cause
+    assert verdict.probabilities["none"] + verdict.probabilities["unknown"] == pytest.approx(1.0)
+    sure = viscous.verdict.probabilities
+    assert sure["none"] + max(sure["viscous_damping"], sure["unknown"]) <= 1.0
     assert verdict.kind is Kind.UNKNOWN and viscous.verdict.suspects == ()
     shares = {x.name: x.share for x in verdict.suspects}
     left_N = residual_power_N(viscous, "viscous_damping") / residual_power_N(viscous)
@@ -340,6 +346,40 @@ def test_bases_are_models(kit):
     assert list(BASES) == ["generalized", "no_speed", "classical"]
     terms = [set(iwan_model(kit.scales, parts).names) for parts in BASES.values()]
     assert terms[0] > terms[1] > terms[2]
+
+
+@pytest.mark.parametrize("given", [{"simulator": "own.py"}, {"config": DiagnoseSettings()}])
+def test_a_base_beside_another_choice_of_a_model_is_refused_before_anything_is_read(given):
+    with pytest.raises(ConfigError, match=f"base classical and {next(iter(given))} both choose a model"):
+        diagnose_campaign("nowhere", base="classical", **given)
+    for allowed in ({"base": "classical"}, given):
+        with pytest.raises(CampaignError, match="nowhere"):
+            diagnose_campaign("nowhere", **allowed)
+
+
+def test_the_next_test_is_between_a_cause_and_what_explains_the_data_nearly_as_well(monkeypatch):
+    """Of the effect that moves most; where no other one comes near, between it and none while that is in question."""
+    monkeypatch.setattr(diagnosis, "next_test", lambda data, *fits_and_pair: fits_and_pair[:3])
+    monkeypatch.setattr(diagnosis, "refused", lambda figures: "")
+    search = SimpleNamespace(chosen=("drag", "play"), effects={}, fit=lambda names: "+".join(sorted(names)))
+    fits = {frozenset(x): "+".join(x) for x in (("drag",), ("play",), ("drag", "play"))}
+    far = -2.0 * calibration().apart
+    near = {"lag": 0.5 * far * 0.9, "play": 0.0, "mass": -0.1, "wave": far}
+
+    def planned(drag, play, sure=0.5):
+        figures = [SimpleNamespace(name=n, moved=m, odd=False, alternatives=a, beside=()) for n, m, a in (drag, play)]
+        sets = {frozenset({"drag", "play"}): sure}
+        found = SimpleNamespace(
+            search=search, figures=figures, sets=sets, asked=frozenset(search.chosen), models=SimpleNamespace(fits=fits)
+        )
+        verdict = SimpleNamespace(kind=Kind.EXPLAINED, one_of=())
+        return _next(None, found, verdict, calibration(), SimpleNamespace(limits=None))
+
+    two = (("drag", 1.0, {}), ("play", 2.0, near))
+    assert planned(*two) == ("drag+play", "drag+mass", ("play", "mass"))
+    assert planned(("drag", 3.0, {"wave": far}), two[1]) == ("drag+play", "play", ("drag", "none"))
+    assert planned(("drag", 3.0, {}), two[1], sure=0.95)[2] == ("play", "mass")
+    assert planned(("drag", 3.0, {}), ("play", 2.0, {}), sure=0.95) is None
 
 
 def test_without_a_clock_numbers_are_in_cycles(kit):

@@ -13,7 +13,7 @@ from bayes_iwan.diagnosis.constants import LARGE_DISCREPANCY
 from bayes_iwan.diagnosis.fits import evidence
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN, LENGTHS, SHARES, Discrepancy, DiscrepancySize, Linear
-from bayes_iwan.diagnosis.fits.evidence import _distinct, _grid, fit_model, in_newtons, predicting
+from bayes_iwan.diagnosis.fits.evidence import _distinct, _grid, _whole_share, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.fits.residuals import residual_of
@@ -22,6 +22,7 @@ from bayes_iwan.diagnosis.search.fitted_sets import calibrated
 from bayes_iwan.effects import catalogue
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.sampling.run import EnsembleRun
 
 
 @pytest.fixture
@@ -111,6 +112,14 @@ def test_evidence_is_the_mean_over_the_grid_and_the_discrepancy_has_its_size(kit
     assert SHARES[0] <= low < middle < high <= SHARES[-1] and middle < 0.01
 
 
+@pytest.mark.parametrize("factor", [1.0, 4.0])
+def test_the_share_of_the_discrepancy_is_between_those_that_are_as_likely(factor):
+    """1 and 4 % alike likely: the median is between them in logarithms; λ of 4 in every harmonic doubles all three."""
+    sizes = tuple(DiscrepancySize(share, 0.05, 0.0, (factor,) * 7) for share in (0.04, 0.01))
+    found = SimpleNamespace(sizes=sizes, log_z=np.array([-3.0, -3.0]))
+    assert _whole_share(7, found) == pytest.approx(np.array([0.02, 0.01, 0.04]) * np.sqrt(factor))
+
+
 def test_distinct_optima_best_first():
     x = np.array([[0.0, 0.0], [0.1, 0.0], [1.0, 0.0], [0.0, 5.0]])
     np.testing.assert_array_equal(_distinct(x, np.array([1.0, 2.0, 3.0, 99.0])), x[[0, 2]])
@@ -178,6 +187,18 @@ def test_a_fit_is_sampled_with_the_discrepancy_beside_it(kit, monkeypatch):
     cut, worth = sampled_fit.sampled_fit(found.data, found.base, 1, lambda said: None)
     assert not worth.converged and worth.message and not cut.converged and np.array_equal(cut.z, found.base.z)
     assert np.all(np.linalg.eigvalsh(cut.covariance) > 0.0)
+
+
+def test_ctrl_c_ends_a_diagnosis_while_it_samples(kit, monkeypatch):
+    """The sampler ends with what it drew, here nothing; a diagnosis that goes on without would be no answer to it."""
+
+    def interrupted(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(EnsembleRun, "pilot", interrupted)
+    found = kit.diagnosed(None).search
+    with pytest.raises(KeyboardInterrupt):
+        sampled_fit.sampled_fit(found.data, found.base, 1, lambda said: None)
 
 
 def test_sampling_a_fit_converges_near_its_normal_approximation(kit):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign.recording.limits import RigLimits
+from bayes_iwan.diagnosis.answer import imitation
 from bayes_iwan.diagnosis.answer.imitation import FREEDOMS, Explanation, _distinguished, _explains, edges_of, imitations
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search.base_fit import fit_base
@@ -60,14 +61,21 @@ def test_a_dashpot_that_the_base_takes_up_is_found_as_speed_dependence(damper):
     shares = {x.name: x.share for x in speed.explanations}
     assert speed.without > 2.0 * min(shares.values())
     assert list(shares.values()) == sorted(shares.values())
-    if len(speed.tied) > 1:
-        run = [(x.frequency_hz, x.amplitude_mm) for x in damper.data.loops]
-        plan = speed.next_test
-        assert plan.separates == speed.tied[:2]
-        assert (
-            plan.bench
-            or min(max(abs(np.log(plan.frequency_hz / f)), abs(np.log(plan.amplitude_mm / a))) for f, a in run) > 0.04
-        )
+
+
+def test_between_two_that_explain_the_gap_alike_a_further_test_is_planned(damper, monkeypatch):
+    """As if no number of nats told them apart: of those that do half of what the best does, the first two."""
+    monkeypatch.setattr(imitation, "TELLS_NATS", np.inf)
+    level = float(np.sqrt(np.mean(damper.data.level_N**2)))
+    (speed,) = (x for x in imitations(damper, {}, frozenset(), level, RigLimits()) if x.what == "speed dependence")
+    run = [(x.frequency_hz, x.amplitude_mm) for x in damper.data.loops]
+    plan = speed.next_test
+    assert len(speed.tied) > 1 and speed.said
+    assert plan.separates == speed.tied[:2] and plan.expected_log_odds > 0.5
+    assert (
+        plan.bench
+        or min(max(abs(np.log(plan.frequency_hz / f)), abs(np.log(plan.amplitude_mm / a))) for f, a in run) > 0.04
+    )
 
 
 def test_beside_a_named_effect_the_freedom_is_still_asked(damper):

@@ -1,5 +1,6 @@
 """What tests could have shown, and which would show more."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,7 @@ from bayes_iwan.diagnosis import diagnosis
 from bayes_iwan.diagnosis.answer import next_test as next_test_module
 from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, next_test, plans_of, visible_nats
 from bayes_iwan.diagnosis.assessment.budget import Kind
+from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search.base_fit import fit_base
 from bayes_iwan.models import sine_motion
@@ -102,18 +104,18 @@ def test_two_models_that_both_miss_much_promise_less(kit, monkeypatch):
 
 
 def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
-    """What removes nothing has left the set, but others were fitted beside it."""
-    fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("a"): "kept"}
-    place = SimpleNamespace(name="a", moved=0.1, alternatives={"a": 0.0, "c": -2.0}, odd="")
-    search = SimpleNamespace(chosen=("a",), fit=lambda names: fits[frozenset(names)], effects={})
-    found = SimpleNamespace(
-        search=search, asked=frozenset("ab"), figures=(place,), fits=fits, sets={frozenset("a"): 1.0}
-    )
+    fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("b"): "without"}
+    place = Figures("a", 50.0, {"a": 0.0, "c": -2.0}, 0.4, 0.4, 0.4, moved=0.1, gap=0.1, before=0.1, tests=4)
+    search = SimpleNamespace(chosen=("a", "b"), fit=lambda names: fits[frozenset(names)], effects={})
+    found = SimpleNamespace(search=search, figures=(place,), sets={frozenset("a"): 1.0})
     constants = SimpleNamespace(apart=30.0)
     monkeypatch.setattr(diagnosis, "next_test", lambda data, *asked: asked[:3])
     verdict, campaign = SimpleNamespace(kind=Kind.EXPLAINED, one_of=()), SimpleNamespace(limits=None)
     assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))
-    odd = SimpleNamespace(**{**vars(found), "figures": (SimpleNamespace(**{**vars(place), "odd": "it is too slow"}),)})
-    assert diagnosis._next(None, odd, verdict, constants, campaign) is None
-    verdict.one_of = (SimpleNamespace(names=("a", "c")),)
-    assert diagnosis._next(None, odd, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))
+    found.figures, found.sets = (replace(place, alternatives={"a": 0.0}),), {frozenset("a"): 0.8, frozenset("b"): 0.2}
+    assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "without", ("a", "none"))
+    for change in ({"odd": "it is too slow"}, {"held_out": 0.0}, {"fitted": 1e-3}):  # what no sentence says
+        found.figures, verdict.one_of = (replace(place, **change),), ()
+        assert diagnosis._next(None, found, verdict, constants, campaign) is None
+        verdict.one_of = (SimpleNamespace(names=("a", "c")),)
+        assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))

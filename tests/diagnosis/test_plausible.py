@@ -71,17 +71,23 @@ def test_a_number_far_from_its_prior_is_not_plausible(kit):
 
 def test_numbers_must_be_plausible_where_they_and_where_shares_are_from(kit, monkeypatch):
     found = kit.diagnosed("channel_delay").found
-    best, nearest = found.models.fits[found.asked], found.models.nearest[found.asked]
+    whole = frozenset(found.search.chosen)
+    best, nearest = found.models.fits[whole], found.models.nearest[whole]
     for odd in (best, nearest):
         monkeypatch.setattr(indicators, "implausible", lambda effect, fit, data, odd=odd: "odd" if fit is odd else "")
         figures = figures_of(found.search, found.models.sizes, nearest, found.held_out)
         assert figures and all(f.odd == "odd" for f in figures)
 
 
-@pytest.mark.parametrize(("without", "beside", "why"), [(4.5, 1.0, "k1_N_mm"), (4.5, 4.2, ""), (2.0, 0.0, "")])
-def test_an_effect_that_only_replaces_a_number_at_its_edge_is_no_cause(without, beside, why):
+@pytest.mark.parametrize(
+    ("without", "beside", "owner", "why"),
+    [(4.5, 1.0, "", "k1_N_mm"), (4.5, 4.2, "", ""), (2.0, 0.0, "", ""), (4.5, 1.0, "another effect", "")],
+)
+def test_an_effect_that_only_replaces_a_number_of_the_base_is_no_cause(without, beside, owner, why):
     def fit(z):
-        return SimpleNamespace(problem=SimpleNamespace(names=("kp_N_mm", "k1_N_mm")), z=np.array([0.0, z]))
+        free = (SimpleNamespace(name="kp_N_mm", owner=""), SimpleNamespace(name="k1_N_mm", owner=owner))
+        problem = SimpleNamespace(names=("kp_N_mm", "k1_N_mm"), prior=SimpleNamespace(free=free))
+        return SimpleNamespace(problem=problem, z=np.array([0.0, z]))
 
     said = replaced(fit(without), fit(beside))
     assert why in said and bool(said) is bool(why)

@@ -8,7 +8,7 @@ import pytest
 from bayes_iwan.campaign.loops.clipping import Limit
 from bayes_iwan.campaign.recording.records import Record
 from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict
-from bayes_iwan.diagnosis.answer.imitation import Edge, Explanation, Imitation
+from bayes_iwan.diagnosis.answer.imitation import Edge, Explanation, Imitation, said_in_text
 from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.answer.sentences import sentences
 from bayes_iwan.diagnosis.answer.wording import few, force, percent, plain, title, value_of
@@ -87,6 +87,7 @@ def answers(kit):
         "named, tied": turned(named, Kind.EXPLAINED, (alike,), p),
         "partly": turned(named, Kind.PARTLY, (c,), p | unknown | {"moving_mass": 0.61}, suspects=suspects),
         "tied groups only": turned(named, Kind.UNKNOWN, (), unknown | {"rate_strengthening": 0.6}, one_of=groups),
+        "named and a group": turned(named, Kind.PARTLY, (c,), p | unknown, one_of=fading),
         "unknown": turned(named, Kind.UNKNOWN, (), unknown, suspects=suspects),
         "drive": turned(named, Kind.DRIVE, (), {"drive": 0.9}, cornered=("t0.csv",), corners_gap=0.02),
         "single record": replace(turned(named, Kind.UNKNOWN, (), unknown), data=one_file),
@@ -97,7 +98,7 @@ def answers(kit):
 
 KINDS = (
     "none", "none, ties", "none, improbable", "named", "two named", "named, imitated", "named, within noise",
-    "fading or softening", "named, tied", "partly", "tied groups only", "unknown", "drive",
+    "fading or softening", "named, tied", "partly", "tied groups only", "named and a group", "unknown", "drive",
     "single record", "no clock", "not converged",
 )  # fmt: skip
 
@@ -156,6 +157,9 @@ def test_the_kinds_read_as_they_should(answers):
     assert probable in text["partly"]
     assert any(s.startswith("One of rate strengthening, viscous damping") for s in text["tied groups only"])
     assert any("0.97 that it has a cause: one of these or another)" in s for s in text["tied groups only"])
+    grouped = " ".join(text["named and a group"])
+    assert "(probability 0.97 that it has a cause: one of these or another)" in grouped
+    assert "nothing is named" not in grouped
     assert text["unknown"][1] == (
         "Cause unknown (probability 0.97). The gap is real, but no known effect explains it in all tests."
     )
@@ -167,7 +171,8 @@ def test_the_kinds_read_as_they_should(answers):
     fading = " ".join(text["fading or softening"])
     assert "alone it would remove 2 % of the gap and 100 % of what changes along the records" in fading
     assert "Unexplained: 100 % of the gap" in fading and "since nothing is named" in fading
-    assert text["drive"][-1] == "Next: run these tests again with sines."
+    assert text["drive"][-1].startswith("Next: run these tests again with sines; if they were sines, check the")
+    assert "cannot be found: the displacement of 1 test has corners (t0.csv)" in text["drive"][1]
 
 
 def test_what_the_base_can_imitate_is_said_under_none(answers):
@@ -189,6 +194,27 @@ def test_a_dependence_that_one_effect_explains_is_left_to_the_verdict(answers):
     said = " ".join(sentences(replace(answers["none, ties"], imitations=(two,))))
     instead = "with a normal force that grows with speed instead 2.5 %, with none 12 %."
     assert f"With one of them the model would miss 2 % to 11 % of the friction force, {instead}" in said
+
+
+def test_a_share_that_may_be_nothing_is_one_that_is_not_missed(answers):
+    """Two that only help together: either alone makes the gap larger, and without either most of it is back."""
+    d = answers["two named"]
+    c = d.verdict.causes[0]
+    wide = replace(c, share=replace(c.share, low=-0.05), vague=replace(c.vague, data=0.3))
+    for gaps, may_be_nothing in ((Gaps(0.04, 0.69, 1.16, 0.18), False), (Gaps(0.5, 0.69, 0.7, 0.18), True)):
+        causes = (replace(wide, gaps=gaps), d.verdict.causes[1])
+        said = " ".join(sentences(replace(d, verdict=replace(d.verdict, causes=causes))))
+        assert ("Its share may be nothing." in said) == may_be_nothing
+
+
+def test_the_text_holds_speed_and_what_is_most_at_stake():
+    """Of these the first has the next test, else it separates what no sentence says."""
+    asymmetry, after, rounding = (
+        replace(TIED, what=w, without=x) for w, x in (("asymmetry", 0.2), ("stiffness", 0.3), ("rounding", 0.4))
+    )
+    single = replace(TIED, without=0.9, tied=("viscous_damping",))
+    assert said_in_text([asymmetry, after, single, rounding]) == [rounding, after]
+    assert said_in_text([asymmetry, rounding, TIED]) == [TIED, rounding]
 
 
 def test_what_is_no_more_than_noise_is_said_so(answers):
@@ -222,6 +248,15 @@ def test_a_line_at_half_the_frequency_is_said_whatever_the_loops_show(answers):
     assert d["verdict"]["colour"] == "note"
 
 
+def test_how_much_of_the_gap_a_pattern_makes_is_said(answers):
+    d = answers["unknown"]
+    unexplained = replace(d.budget.unexplained, resembles="lagging_reading", resembling=0.123)
+    d = replace(d, budget=replace(d.budget, unexplained=unexplained))
+    assert "12 % of the gap resembles this: a displacement reading that lags after every reversal" in " ".join(
+        sentences(d)
+    )
+
+
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "drive"])
 def test_where_no_test_is_left_the_answer_says_why(answers, kind):
     d = replace(answers[kind], next_test=None)
@@ -253,7 +288,7 @@ def test_numbers_read_as_numbers():
     assert [force(x) for x in (0.0, 12345.0, 783e-3, 61.38, -1719.0, 1e-5)] == [
         "0 N", "12.3 kN", "0.783 N", "61.4 N", "-1.72 kN", "0.01 mN",
     ]  # fmt: skip
-    assert [percent(x) for x in (0.5, 0.0951, 0.004, 0.00004, -0.0002)] == ["50 %", "9.5 %", "0.4 %", "0 %", "0 %"]
+    assert [percent(x) for x in (0.5, 0.0951, 0.004, 0.00004, -0.0002)] == ["50 %", "9.5 %", "0.4 %", "0 %", "-0.02 %"]
     assert few(["a", "b"]) == "a or b" and few(list("abcde")) == "a, b, c or 2 others"
     assert value_of("c_N_s_mm", 1.357, 0.09, "N·s/mm") == " of 1.36 ± 0.09 N·s/mm"
 
@@ -273,3 +308,12 @@ def test_a_limit_of_the_force_is_the_channel_s_only_where_a_record_shows_its_lev
     clipped = replace(limited, clipped=tuple(Limit(f, "force", 1, 3.2, True, True, 0.1) for f in files))
     text = " ".join(sentences(clipped))
     assert "may be clipped in 4 of 4 tests" in text and "Raise the force range and repeat" in text
+
+
+@pytest.mark.parametrize(("more", "said"), [(0.11, True), (0.09, False), (-0.2, False)])
+def test_what_changes_along_the_record_is_said_where_a_cause_removes_clearly_more_of_it(kit, more, said):
+    found = kit.diagnosed("viscous_damping")
+    (first, *_) = found.verdict.causes
+    cause = replace(first, along=first.share.value + more)
+    text = " ".join(sentences(turned(found, Kind.EXPLAINED, [cause], {cause.name: 0.95})))
+    assert (f"and {percent(cause.along)} of what changes along the records" in text) == said

@@ -6,16 +6,17 @@ import json
 
 import numpy as np
 import pytest
+from scipy import special
 
 from bayes_iwan.campaign import Record, average
 from bayes_iwan.diagnosis.answer.gap_findings import where_json, where_sentences
-from bayes_iwan.diagnosis.answer.localisation import where
+from bayes_iwan.diagnosis.answer.localisation import sticking_share, where
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.evidence import fit_model
 from bayes_iwan.diagnosis.fits.gap_size import gap_size, shrink
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.base_fit import fit_base
-from bayes_iwan.effects.specimen import ViscousDamping
+from bayes_iwan.effects.specimen_forces import ViscousDamping
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.models import Model, Reference, sine_motion
@@ -231,6 +232,17 @@ def test_one_frequency_tells_no_power_of_frequency():
     assert not any("frequency (power" in s or "frequency to the power" in s for s in where_sentences(found))
 
 
+def test_tests_whose_frequencies_a_drive_did_not_hold_are_of_one():
+    """Else single tests are compared, and what grows with amplitude is said to be at one frequency."""
+    uneven = [(f * (1.0 + 0.01 * i), a) for f in (5.0, 30.0) for i, a in enumerate((0.3, 0.6, 1.0))]
+    found, _ = looked(lambda u, v, a, n: 0.5 * u**3, tests=uneven)
+    assert [x.name for x in found.of("frequency")] == ["5.05 Hz", "30.3 Hz"]
+    assert [x.time for x in found.of("frequency")] == pytest.approx([0.5, 0.5])
+    assert [x.name for x in found.of("amplitude")] == ["0.3 mm", "0.6 mm", "1 mm"]
+    assert sum(x.share for x in found.of("frequency")) == pytest.approx(1.0, abs=0.02)
+    assert any(s.startswith("The gap does not depend on frequency") for s in where_sentences(found))
+
+
 def test_two_frequencies_leave_the_power_of_an_elastic_force_open():
     found, _ = looked(lambda u, v, a, n: 0.01 * a)
     law = found.laws[0]
@@ -252,3 +264,19 @@ def test_json_is_plain(viscous):
     assert branches["microslip"] + branches["gross slip"] == pytest.approx(1.0, abs=0.02)
     assert found.phase_N.shape == found.expected_N.shape == (len(TESTS), 64)
     assert where(residual, simulations=100).statistics == found.statistics  # the same seed, the same answer
+
+
+def test_the_share_that_sticks_is_that_of_the_slip_forces_not_yet_reached(plain):
+    """Masing: Δ after a reversal the elements slip whose slip force is below kΔ/2, so Q(η, kΔ/2t) of them stick."""
+    data, fit = plain
+    values = {name: float(x[0]) for name, x in fit.problem.parameter_values(fit.z[None]).items()}
+    motion = data.steady_motion
+    u, amplitude = motion.displacement_mm[0], motion.amplitude_mm[:, None]
+    rising = np.roll(u, -1, axis=1) > np.roll(u, 1, axis=1)
+    stroke = np.where(rising, u + amplitude, amplitude - u)
+    expected = special.gammaincc(values["eta1"], 0.5 * values["k1_N_mm"] * stroke / values["t1_N"])
+    found = sticking_share(residual_of(data, fit))
+    inside = (stroke > 0.1 * amplitude) & (stroke < 1.9 * amplitude)
+    assert np.ptp(expected[inside]) > 0.5
+    np.testing.assert_allclose(found[inside], expected[inside], atol=0.02)
+    assert np.all(found[stroke < 1e-3 * amplitude] == 1.0)

@@ -34,8 +34,8 @@ def test_forces_have_three_digits_and_the_unit_in_which_they_are_short(newton, s
 @pytest.mark.parametrize(
     ("share", "said"),
     [
-        (0.0994, "9.9 %"), (0.0996, "10 %"), (0.0011, "0.11 %"), (0.0009, "0 %"), (1.0, "100 %"), (-0.25, "-25 %"),
-        (0.0, "0 %"), (None, "–"), (math.nan, "–"),
+        (0.0994, "9.9 %"), (0.0996, "10 %"), (0.0011, "0.11 %"), (0.0009, "0.09 %"), (0.00009, "0 %"),
+        (1.0, "100 %"), (-0.25, "-25 %"), (0.0, "0 %"), (None, "–"), (math.nan, "–"),
     ],
 )  # fmt: skip
 def test_shares_have_two_digits_below_a_tenth(share, said):

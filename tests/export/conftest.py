@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import bayes_iwan as bi
-from bayes_iwan.export import run
+from bayes_iwan.export import exporting
 from bayes_iwan.files import write_whole
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "analyses"))
@@ -46,10 +46,10 @@ def exported(tmp_path_factory):
     """Files of a target from a problem and coordinates, in a folder of their own."""
 
     def make(problem, z, to="c", **options):
-        source = run.Source(
+        source = exporting.Source(
             problem=problem, z=z, campaign=None, method="drawn from the prior", seed=0, unexplained=(0.0, 0.0)
         )
-        files, _ = run.files_of(source, to, options.get("approximate", False), options.get("error", 1e-3))
+        files, _ = exporting.files_of(source, to, options.get("approximate", False), options.get("error", 1e-3))
         folder = tmp_path_factory.mktemp(to)
         for name, content in files.items():
             write_whole(folder / name, content)

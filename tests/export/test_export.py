@@ -14,8 +14,8 @@ import bayes_iwan as bi
 from bayes_iwan import files
 from bayes_iwan.cli import main
 from bayes_iwan.effects.measuring_chain import ChannelDelay
-from bayes_iwan.effects.specimen import ViscousDamping
-from bayes_iwan.export import TARGETS, ExportError, export, run
+from bayes_iwan.effects.specimen_forces import ViscousDamping
+from bayes_iwan.export import TARGETS, ExportError, export, exporting
 from bayes_iwan.inference.results.posterior import Stop
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import ModelSettings
@@ -94,14 +94,16 @@ class Spring(Simulator):
 
 def test_a_simulator_of_ones_own_cannot_be_written_in_c_but_its_draws_can(made_up_campaign, tmp_path, draws):
     problem = make_problem(bi.read_campaign(made_up_campaign).loops(), None, Spring())
-    source = run.Source(problem=problem, z=draws(problem, 3), campaign=None, method="", seed=0, unexplained=(0.0, 0.0))
+    source = exporting.Source(
+        problem=problem, z=draws(problem, 3), campaign=None, method="", seed=0, unexplained=(0.0, 0.0)
+    )
     for target in TARGETS:
         if target == "json":
-            files, _ = run.files_of(source, "json", False, 1e-3)
+            files, _ = exporting.files_of(source, "json", False, 1e-3)
             assert len(json.loads(files["isolator.json"])["parameters"][0]["draws"]) == 2
         else:
             with pytest.raises(ExportError, match="a simulator of your own, which cannot be written in C"):
-                run.files_of(source, target, False, 1e-3)
+                exporting.files_of(source, target, False, 1e-3)
 
 
 @pytest.fixture
@@ -163,7 +165,7 @@ def made(posterior):
     for to in TARGETS:
         for draws in (1, 2):
             try:
-                every[to, draws] = run.files_of(run.source_of(posterior, draws), to, True, 1e-2)
+                every[to, draws] = exporting.files_of(exporting.source_of(posterior, draws), to, True, 1e-2)
             except ExportError as error:  # no compiler
                 every[to, draws] = error
     return every
@@ -175,7 +177,7 @@ def test_a_fault_half_way_leaves_the_former_export_or_none(to, how, made, poster
     """At each file and each rename in turn: the disk is full, or the process is killed."""
     if isinstance(made[to, 1], ExportError):
         pytest.skip(str(made[to, 1]))
-    monkeypatch.setattr(run, "files_of", lambda source, target, *_: made[target, len(source.z) - 1])
+    monkeypatch.setattr(exporting, "files_of", lambda source, target, *_: made[target, len(source.z) - 1])
     out = tmp_path / "out"
     out.mkdir()
     (out / "mine.txt").write_text("a user's own")
@@ -206,7 +208,7 @@ def test_a_fault_half_way_leaves_the_former_export_or_none(to, how, made, poster
     for at in range(1, steps + 1):
         calls = 0
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(run, "write_whole", faulty(at)(files.write_whole))
+            patch.setattr(exporting, "write_whole", faulty(at)(files.write_whole))
             patch.setattr(files.os, "rename", faulty(at)(os.rename))
             if how == "killed":
                 if (child := os.fork()) == 0:

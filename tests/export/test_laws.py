@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import export_courses as rt
-from bayes_iwan.effects import catalogue, conditions, lag, mounting, paper_stages, specimen
+from bayes_iwan.effects import catalogue, conditions, lag, mounting, paper_stages, specimen_forces
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.device import ExportError, device_of, steady_loops
 from bayes_iwan.export.laws import LAWS, OF_THE_RIG
@@ -16,7 +16,7 @@ from bayes_iwan.models import sine_motion
 HZ, AMPLITUDE, FINE = 12.0, 0.9, 1000
 STRICT = "cc -std=c99 -Wall -Wextra -Werror -pedantic -fsyntax-only".split()
 #: laws with slow parts need many cycles until they are steady
-SLOW = {specimen.MaxwellBranch: 300, lag.NormalForceLagFromStart: 300}
+SLOW = {specimen_forces.MaxwellBranch: 300, lag.NormalForceLagFromStart: 300}
 
 
 def made(kind, problem):
@@ -58,7 +58,9 @@ def test_every_effect_of_the_catalogue_is_exported_or_omitted_for_a_reason():
 
 def test_the_rigs_effects_are_omitted_and_named(problem_of, draws):
     problem = problem_of()
-    with_rig = problem.with_effects([made(k, problem) for k in (specimen.ViscousDamping, mounting.RigCompliance)])
+    with_rig = problem.with_effects(
+        [made(k, problem) for k in (specimen_forces.ViscousDamping, mounting.RigCompliance)]
+    )
     device = device_of(with_rig, draws(with_rig, 2), (8.0, 20.0))
     assert set(device.named) == {"viscous_damping"} and set(device.omitted) == {"rig_compliance"}
 

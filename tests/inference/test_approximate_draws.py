@@ -6,8 +6,8 @@ from scipy import stats
 
 import bayes_iwan as bi
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.inference.solving.chains import approximate_draws
 from bayes_iwan.inference.solving.point import most_probable, near_optima
+from bayes_iwan.inference.solving.posterior_draws import approximate_draws
 from bayes_iwan.models import Parameter, Simulator
 
 ROOT = 2.0  # N/mm, to the half

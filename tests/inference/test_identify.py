@@ -339,6 +339,8 @@ def test_each_search_has_a_population_and_a_maximum_of_its_own(run):
     point = posterior.point
     assert point.each_z.shape == (2, posterior.ndim) and point.short_nats < 0.1
     assert not np.array_equal(point.each_z[0], point.each_z[1])
+    np.testing.assert_allclose(posterior.problem.log_prob(point.each_z), point.each_log_prob)
+    assert point.log_prob == max(point.each_log_prob) == pytest.approx(posterior.problem.log_prob(point.z[None])[0])
     stored = json.loads((out / "point.json").read_text())
     assert len(stored["most_probable"]["best_log_prob_of_each_search"]) == 2
 
@@ -366,6 +368,24 @@ def test_quick_draws_lie_along_the_posterior_and_have_no_chains(run):
         assert np.std(near[name]) == pytest.approx(sd, rel=0.25), name
     assert quick.residual_size().share == pytest.approx(run[0].residual_size().share, rel=0.02)
     assert quick.z.shape == (4, 500, problem.ndim) and quick.log_prob.shape == (4, 500)
+    assert (quick.walkers, quick.thin) == (1, 1)
+    rows = list(csv.DictReader(run_files.summary_csv(quick).splitlines()))
+    assert [row["name"] for row in rows] == [row.name for row in quick.summary()]
+    for row in rows:
+        assert row["method"] == "laplace" and (row["ess_bulk"], row["ess_tail"], row["r_hat"]) == ("", "", "")
+        assert float(row["q05"]) <= float(row["q50"]) <= float(row["q95"]) and set(row) - {"reach"} >= {"unit", "sd"}
+
+
+def test_a_result_as_text_counts_its_draws_and_has_medians_with_intervals(run):
+    posterior, _ = run
+    ensembles, kept, ndim = posterior.z.shape
+    first, *rows = repr(posterior).splitlines()
+    assert f"identified from made up: {ensembles * kept} draws of {ndim} parameters; " in first
+    by_name = {row.split()[0]: row for row in rows}
+    for name in posterior.names:
+        low, middle, high = np.quantile(posterior.values()[name], [0.05, 0.5, 0.95])
+        assert f" {middle:.4g}  ({low:.4g} to {high:.4g})" in by_name[name]
+    assert replace(posterior, campaign=None).name == "loops"
 
 
 def test_every_draw_that_is_kept_stands_beside_its_density(run):

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from bayes_iwan.inference.setup import discrepancy, likelihood
-from bayes_iwan.inference.setup.discrepancy import Correlated
+from bayes_iwan.inference.setup.discrepancy import Correlated, on_phases
 from bayes_iwan.inference.setup.likelihood import KINDS, make_likelihood
 from bayes_iwan.inference.setup.loop_error import (
     beyond_noise_N2,
@@ -260,3 +260,11 @@ def test_replicates_have_no_noise_where_there_are_no_data(problem, known):
 def test_unknown_likelihood_is_named(problem):
     with pytest.raises(ValueError, match=r"likelihood.kind = 'student'.*correlated, unweighted, matern, gaussian"):
         make_problem(problem.loops, {"likelihood": {"kind": "student"}})
+
+
+def test_harmonics_on_the_phases_of_a_loop():
+    """A mean of 2 and a first harmonic of 3 − 4i are 2 + 3 cos + 4 sin, of a second loop −1 + 5 cos."""
+    parts = np.array([[[2.0, 3.0], [-1.0, 5.0]], [[0.0, -4.0], [0.0, 0.0]]])
+    phase = 2.0 * np.pi * np.arange(16) / 16
+    expected = [2.0 + 3.0 * np.cos(phase) + 4.0 * np.sin(phase), -1.0 + 5.0 * np.cos(phase)]
+    np.testing.assert_allclose(on_phases(parts, 16), expected, atol=1e-12)

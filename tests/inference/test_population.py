@@ -128,7 +128,7 @@ def test_a_quantity_of_either_sign_and_too_few_specimens():
     ]
     found = population(some)
     assert not found.relative and found.typical[1] < 0.05 < found.typical[2]
-    assert population(some[:2]) is None
+    assert population(some[:2]) is None and population(some[:3]).names == ("0", "1", "2")
     assert population([SpecimenDraws("c", np.ones(10), np.ones(10))] * 4) is None
 
 
@@ -171,6 +171,15 @@ def test_bands_hold_further_specimens_of_a_quantity_that_is_hardly_determined():
         assert 0.0 < low < high < 2.0
         inside += np.mean((rng.normal(0.8, 0.05, 200) > low) & (rng.normal(0.8, 0.05, 200) < high)) / 40
     assert inside > 0.85
+
+
+def test_the_next_of_well_known_specimens_lies_as_students_t_says():
+    """Mean and spread flat beforehand: n − 2 degrees of freedom, s √(1 + 1/n) about the mean, here of logarithms."""
+    found = population(drawn(np.random.default_rng(12), 20, 0.5, 0.2, 1e-4))
+    x = np.log([np.median(s.draws) for s in drawn(np.random.default_rng(12), 20, 0.5, 0.2, 1e-4)])
+    scale = np.sqrt(np.sum((x - x.mean()) ** 2) / 18 * (1.0 + 1.0 / 20))
+    expected = stats.t(18, x.mean(), scale).ppf([0.05, 0.95])
+    np.testing.assert_allclose(np.log(found.next_specimen), expected, atol=0.06 * np.ptp(expected))
 
 
 def test_shrunk_values_are_nearer_the_truth_and_their_intervals_hold():

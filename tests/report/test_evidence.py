@@ -16,7 +16,7 @@ from bayes_iwan.comparison.loo import smoothed_log_weights
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.report.comparison_page import comparison_report, ranking_figure
 from bayes_iwan.report.identification.by_frequency import frequencies_table, wander_figure, wander_rows
-from bayes_iwan.report.identification.checks import loo_pit
+from bayes_iwan.report.identification.predictive_checks import loo_pit
 
 from .conftest import TRUTH, made_posterior, made_records
 

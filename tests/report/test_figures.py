@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from bayes_iwan.comparison.frequencies import compare_frequencies
-from bayes_iwan.report.identification import checks, law_figures, loops, marginals, sampling, trends
+from bayes_iwan.report.identification import law_figures, loops, marginals, predictive_checks, sampling, trends
 from bayes_iwan.report.identification.by_frequency import alone_loops_figure
 from bayes_iwan.report.identification.predictive import predict
 from bayes_iwan.report.page import Page
@@ -35,8 +35,8 @@ FIGURES = {
     "trends": trends.trends_figure,
     "traces": sampling.traces_figure,
     "tau": sampling.tau_figure,
-    "regions": checks.regions_figure,
-    "LOO-PIT": checks.loo_pit_figure,
+    "regions": predictive_checks.regions_figure,
+    "LOO-PIT": predictive_checks.loo_pit_figure,
 }
 
 

@@ -1,7 +1,7 @@
 """Which channels of a recording are the motion, the force and their times: as named, or found by unit and name."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.unit_texts import is_ratio, is_volts, may_be, role_of
+from bayes_iwan.campaign.importing.unit_texts import ROLES, is_ratio, is_volts, may_be, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.errors import nearest
 
@@ -24,7 +24,8 @@ LATE = 0.5  # of a record by which one of two clocks may be late and still be it
 #: what has the unit of a motion or a force and is no measurement of it: never taken unless it is named
 _NOT_MEASURED = re.compile(
     r"(?<![^\W_])(error|err|fehler|abweichung|deviation|écart|command|cmd|commanded|setpoint|set[ _-]point|soll|"
-    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse)(?![^\W\d_])",
+    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse|normal|"
+    r"normalkraft|preload)(?![^\W\d_])",
     re.IGNORECASE,
 )
 
@@ -77,9 +78,8 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
         if len(some) == 1:
             found[role] = some[0]
         elif some:
-            questions.append(
-                Question(f"--{role}", "", "NAME", f"Which channel is the {role}: {_list(recording, some)}?")
-            )
+            which = f"Which channel is the {role}: {_list(recording, some)}?"
+            questions += [Question(f"--{role}", "", "NAME", which), *unit_asked(some, role, recipe)]
     for role in ("force", "displacement"):
         missing = role not in found and not candidates.get(role)
         if role == "displacement":
@@ -89,8 +89,7 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
             free = [c for c in left if role_of(c.unit) is None and not named(c.name, "time")]
             among = _list(recording, left, numbers=not any(c.unit for c in free))
             questions.append(Question(f"--{role}", "", "NAME", f"No channel is known as {what} among {among}."))
-            if role not in recipe.units and role not in recipe.sensitivities:
-                questions += _unit_question(free, role)
+            questions += unit_asked(free, role, recipe)
     times: list[Channel | None] = [None, None]
     motion = found.get("displacement", found.get("acceleration"))
     both = [motion, found.get("force")]
@@ -105,25 +104,34 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
                 questions.append(Question("--time", "", "NAME", _WHICH.format(_list(recording, here))))
             times[k] = here[0] if here else None
     if questions or motion is None or both[1] is None:
-        return questions
+        return questions + [q for role, channel in found.items() for q in unit_asked([channel], role, recipe)]
     return Assigned(
         "displacement" if "displacement" in found else "acceleration", motion, both[1], times[0], times[1], tuple(notes)
     )
 
 
-def _unit_question(free: list[Channel], role: str) -> list[Question]:
-    """What must be asked of a role's unit whichever of the free channels is named for it."""
-    if not free:
+def unit_asked(some: Sequence[Channel], role: str, recipe: Recipe) -> list[Question]:
+    """What must be asked of a role's unit, whichever of some channels it is: nothing where they need not be asked
+    alike."""
+    if role in recipe.sensitivities:
         return []
-    if all(is_volts(c.unit) for c in free):
-        return [Question("--sensitivity", role, TRANSDUCER[role], f"The {role} is in volts: of what transducer?")]
-    if all(is_ratio(c.unit) for c in free):
-        return [
-            Question("--unit", role, "50 mm", f"{free[0].name!r} is a ratio: of what length is it, if it is meant?")
-        ]
-    if not any(c.unit for c in free):
-        return [Question("--unit", role, "UNIT", f"The unit of the {role} is not stated.")]
-    return []
+    asked: dict[tuple[str, str], str] = {}
+    for unit in (recipe.units.get(role, c.unit) for c in some):
+        if not unit:
+            asked["--unit", "UNIT"] = f"states no unit ({', '.join(ROLES[role])} or another)."
+        elif is_volts(unit) and "/" in unit:
+            asked["--unit", "50 N"] = f"is in {unit}, a bridge's ratio: what load is 1 {unit}?"
+        elif is_volts(unit):
+            asked["--sensitivity", TRANSDUCER[role]] = f"is in {unit}: of what transducer?"
+        elif is_ratio(unit) and role != "force":
+            what = "say the length that it is of (50 mm for samples in mm/mm, gauge 50 mm)."
+            asked["--unit", "50 mm"] = f"is in {unit}, a ratio and no {role}: {what}"
+        elif role not in recipe.units and not may_be(unit, role):
+            asked["--unit", "UNIT"] = f"is in {unit}: what is a sample of 1?"
+        else:
+            return []
+    name = f"{some[0].name!r} ({role})" if len(some) == 1 else f"The {role}"
+    return [Question(option, role, x, f"{name} {what}") for (option, x), what in asked.items() if len(asked) == 1]
 
 
 def is_time(channel: Channel) -> bool:
@@ -192,17 +200,13 @@ def _other_by_name(channel: Channel, role: str) -> bool:
 
 def matching(recording: Recording, name: str) -> list[Channel]:
     """Channels that a name means: as it stands, as the file heads it, or by its last part (force for run1.force)."""
-    ways: tuple[Mapping[int, str], ...] = (
-        {k: c.name for k, c in enumerate(recording.channels)},
-        {k: c.heading for k, c in enumerate(recording.channels)},
-        {k: _plain(c.name) for k, c in enumerate(recording.channels)},
-        {k: _plain(c.heading or c.name) for k, c in enumerate(recording.channels)},
-        {k: _plain(f"{c.name} {c.unit}") for k, c in enumerate(recording.channels)},
-        {k: _plain(c.name.rpartition(".")[2]) for k, c in enumerate(recording.channels)},
-    )
+    ways: tuple[Callable[[Channel], str], ...] = (
+        lambda c: c.name, lambda c: c.heading, lambda c: _plain(c.name), lambda c: _plain(c.heading or c.name),
+        lambda c: _plain(f"{c.name} {c.unit}"), lambda c: _plain(c.name.rpartition(".")[2]),
+    )  # fmt: skip
     for way in ways:
         for wanted in (name, _plain(name)):
-            if same := [recording.channels[k] for k, x in way.items() if x == wanted]:
+            if same := [c for c in recording.channels if way(c) == wanted]:
                 return same
     return []
 

@@ -25,9 +25,10 @@ _START = re.compile(
     re.IGNORECASE,
 )
 _FACTOR = re.compile(
-    r"(?<![^\W_])(gain|factor|multiplier|faktor|verstärkung)(?![^\W\d_])|"
+    r"(?<![^\W_])(gain|factor|multiplier|faktor|verstärkung|sensitivity|empfindlichkeit|sensibilit[ée])(?![^\W\d_])|"
+    r"(?<!vertical )(?<![^\W_])(offset|resolution|auflösung)(?![^\W\d_])(?!.*\bbits?\b)|"
     r"(?<!vertical )(?<!horizontal )(?<![^\W_])(scal(e|ing)|slope|lsb|calibration|conversion|skalierung)"
-    r"\W*[=:,;\t] *[\d.]+(e[+-]?\d+)? *$",
+    r"\W*[=:,;\t] *[\d.]+(e[+-]?\d+)? *([^\W\d]\S*)?$",
     re.IGNORECASE,
 )
 #: within a channel's name: 1000*Force, Force/10, Force x 1e3
@@ -43,7 +44,7 @@ def not_applied(stated: Iterable[str]) -> tuple[str, ...]:
     for text in stated:
         for pattern, neutral, fix in (
             (_START, (0.0,), "a channel that starts late needs its own time column"),
-            (_FACTOR, (0.0, 1.0), "if the numbers are not multiplied by it yet, say so with --gain or --unit"),
+            (_FACTOR, (0.0, 1.0), "if the numbers do not hold it yet, say so with --gain or --unit"),
         ):
             if pattern.search(text) and any(float(x) not in neutral for x in _NUMBERS.findall(text)):
                 out.append(f"the file states {shown(' '.join(text.split()))}, which is not applied: {fix}")

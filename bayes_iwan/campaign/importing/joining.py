@@ -5,11 +5,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from bayes_iwan.campaign.importing.channels import is_time, roles_held
 from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
+from bayes_iwan.campaign.importing.scaling import YEARS_S
+from bayes_iwan.campaign.importing.unit_texts import converted
 from bayes_iwan.campaign.recording.records import CampaignError
 
 #: words that name a sensor beside what it measures (load cell)
@@ -93,13 +97,18 @@ def _stem(recording: Recording) -> str:
 
 def _one(pieces: Sequence[Recording]) -> Recording:
     channels: list[Channel] = []
+    begun = [x.began_s for x in pieces if x.began_s is not None]
     for x in pieces:
         label = x.part or Path(x.file).stem
+        late = (x.began_s or 0.0) - min(begun) if len(begun) == len(pieces) else 0.0
         for c in x.channels:
             twice = any(c.name == y.name for p in pieces if p is not x for y in p.channels)
-            name = f"{label} {c.name}" if twice else c.name
+            name = f"{label}.{c.name}" if twice else c.name
             rate = c.rate_hz or x.rate_hz
-            channels.append(replace(c, name=name, group=f"{label}/{c.group}", rate_hz=rate))
+            if late and is_time(c):
+                c = replace(c, values=c.values + late / converted(np.ones(1), c.unit or "s", "", "time", x.where)[0][0])
+            start = (c.start_s or 0.0) + late if late else c.start_s
+            channels.append(replace(c, name=name, group=f"{label}/{c.group}", rate_hz=rate, start_s=start))
     sizes = {c.values.size for c in channels if c.rate_hz is None}
     timed = all(any(named(c.name, "time") or c.rate_hz for c in x.channels) for x in pieces)
     if len(sizes) > 1 and not timed:
@@ -111,4 +120,7 @@ def _one(pieces: Sequence[Recording]) -> Recording:
     others = ", ".join(x.where if x.file != first.file else repr(x.part) for x in pieces[1:])
     notes = (*first.notes, f"joined with {others}")
     warnings = tuple(dict.fromkeys(w for x in pieces for w in x.warnings))
+    shared = len(begun) == len(pieces) or any(is_time(c) and c.values[0] > YEARS_S[0] for c in channels)
+    if not shared and len({x.file for x in pieces}) > 1:
+        warnings += ("the files do not say when they began: their times are taken for one clock",)
     return Recording(first.file, "", tuple(channels), notes, first.rate_hz, warnings)

@@ -18,14 +18,16 @@ _WITHIN = {
     "time": "时间|時間|時刻|시간",
     "displacement": "位移|変位|변위|行程",
     "acceleration": "加速度|가속도",
-    "force": "力|载荷|載荷|荷载|荷重|하중",
+    "force": "(?<![应応])力|载荷|載荷|荷载|荷重|하중",
 }
 
 
 def named(name: str, role: str) -> bool:
-    """Whether a name says that a channel is of a role; of `laser.t` the last part, unless that says nothing."""
-    leaf = name.rpartition(".")[2]
-    return _says(leaf if any(_says(leaf, other) for other in WORDS) else name, role)
+    """Whether a name says that a channel is of a role; of `laser.t` the last part, unless that says nothing or is an
+    axis (`wrench.force.x`)."""
+    stem, _, leaf = name.rpartition(".")
+    axis = leaf in ("x", "y", "z") and any(_has_word(stem, other) for other in WORDS)
+    return _says(leaf if any(_says(leaf, other) for other in WORDS) and not axis else name, role)
 
 
 def _says(name: str, role: str) -> bool:

@@ -24,11 +24,9 @@ OTHERS = (
     (rb"ARROW1", "an Arrow or Feather file; save it as Parquet: table.to_parquet(...)"),
     (rb"CDF[\1\2\5]", "a netCDF 3 file; save it as netCDF 4: nccopy -k nc4 old.nc new.nc"),
     (rb"(\xef\xbb\xbf)?\s*<", "XML or HTML; save its table as CSV or .xlsx"),
-    (
-        rb"\s*(\[\s*[\[{]|\{\s*\"[^\"]*\"\s*:\s*[\[{])",
-        "JSON; save it as CSV, or with one object of plain numbers a line",
-    ),
 )
+#: what a folder of recordings may hold besides
+OTHER_FILES = (".toml", ".md", ".html", ".json", ".tdms_index", ".png")
 
 
 def read_file(path: Path, layout: Layout) -> list[Recording]:
@@ -74,19 +72,21 @@ def expanded(files: Sequence[str | os.PathLike[str]]) -> list[Path]:
     """Files, the files of folders, and those that patterns match, each once. Raises CampaignError for none."""
     out: list[Path] = []
     for name in (str(os.fspath(x)) for x in files):
-        path = Path(name)
-        if path.is_dir():
-            some = [p for p in sorted(path.iterdir()) if p.is_file() and not p.name.startswith((".", "~$"))]
-            some = [
-                p for p in some if p.suffix.lower() not in (".toml", ".md", ".html", ".json", ".tdms_index", ".png")
-            ]
-            if (path / "campaign.toml").exists():
-                raise CampaignError(f'{name}: is a campaign already; run: bayes-iwan check "{name}"')
-        elif not path.exists() and any(c in name for c in "*?["):
-            some = [Path(p) for p in sorted(glob.glob(name, recursive=True)) if Path(p).is_file()]
-        else:
-            some = [path]
+        if (Path(name) / "campaign.toml").exists():
+            raise CampaignError(f'{name}: is a campaign already; run: bayes-iwan check "{name}"')
+        some = recordings_in(name)
         if not some:
             raise CampaignError(f"{name}: no files there")
         out += [p for p in some if p not in out]
     return out
+
+
+def recordings_in(name: str) -> list[Path]:
+    """The files that may be recordings in a folder, or that a pattern matches; else the path itself."""
+    path = Path(name)
+    if path.is_dir():
+        some = [p for p in sorted(path.iterdir()) if p.is_file() and not p.name.startswith((".", "~$"))]
+        return [p for p in some if p.suffix.lower() not in OTHER_FILES]
+    if not path.exists() and any(c in name for c in "*?["):
+        return [Path(p) for p in sorted(glob.glob(name, recursive=True)) if Path(p).is_file()]
+    return [path]

@@ -64,7 +64,7 @@ class Recipe:
         if {"displacement", "acceleration"} <= set(self.channels):
             raise CampaignError("import: name a displacement or an acceleration, not both")
         for role, gain in self.gains.items():
-            if not isinstance(gain, int | float) or isinstance(gain, bool) or not abs(gain) > 0:
+            if not isinstance(gain, int | float) or isinstance(gain, bool) or not abs(gain) > 0:  # type: ignore[redundant-expr]
                 raise CampaignError(f"import: the gain of {role} must be a number other than 0, not {shown(gain)}")
         rate = self.sample_rate_hz
         if rate not in (None, NO_CLOCK) and (

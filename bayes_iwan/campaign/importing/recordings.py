@@ -42,7 +42,8 @@ class Recording:
 
     file : for messages. part : name of the part, "" where the file is one. notes : what was dropped or guessed.
     rate_hz : as the lines above a table state it, beside whatever time column there is. warnings : what is wrong with
-    the file, for who reads the test.
+    the file, for who reads the test. began_s : when its times were 0, in seconds since 1970 or midnight; None where the
+    file does not say.
     """
 
     file: str
@@ -51,6 +52,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     rate_hz: float | None = None
     warnings: tuple[str, ...] = ()
+    began_s: float | None = None
 
     __repr__ = brief
 
@@ -61,12 +63,7 @@ class Recording:
 
 
 def channel(
-    name: str,
-    unit: str,
-    given: ArrayLike,
-    rate_hz: float | None = None,
-    start_s: float | None = None,
-    group: str = "",
+    name: str, unit: str, given: ArrayLike, rate_hz: float | None = None, start_s: float | None = None, group: str = ""
 ) -> Channel | None:
     """A channel from what a library gave; None for texts, settings and complex numbers."""
     values = np.asarray(given)

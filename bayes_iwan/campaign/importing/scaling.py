@@ -63,19 +63,18 @@ def times_of(
         raw = raw - np.floor(np.nanmin(raw))  # from midnight: no date is asked for
     time, _ = converted(raw, unit, "", "time", f"{where}: {clock.name!r}")
     lines = [f"time: {clock.name!r}: {wrapped}"] if wrapped else []
-    if asked is None and from_file is not None and abs(_usual_rate(time) / from_file - 1) > 0.02:
+    rate: float | None = asked or from_file
+    if rate is not None and abs(_usual_rate(time) / rate - 1) > 0.02:
         rounded = (np.diff(time) >= 0).all() and (np.diff(time) == 0).any()
-        if not rounded and not stated:
+        if not rounded and (asked or not stated):
             raise CampaignError(
-                f"{where}: {from_file:g} samples a second by the file, {_usual_rate(time):.6g} by {clock.name!r}, "
-                'which has no unit: say it with --unit "time=UNIT", or leave the time out with --time none'
+                f"{where}: {rate:g} samples a second {'as you say' if asked else 'by the file'}, "
+                f"{_usual_rate(time):.6g} by {clock.name!r}{'' if stated else ', which has no unit'}: say it with "
+                '--unit "time=UNIT", or leave the time out with --time none'
             )
         if not rounded:
-            lines.append(
-                f"the file says {from_file:g} samples a second, its time {_usual_rate(time):.6g}: the time is used"
-            )
-            from_file = None
-    rate: float | None = asked or from_file
+            lines.append(f"the file says {rate:g} samples a second, its time {_usual_rate(time):.6g}: the time is used")
+            rate = None
     if rate is not None:
         time = on_grid_of_rate(time, rate)
     start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())

@@ -6,6 +6,7 @@ from functools import cache, lru_cache
 from typing import Any
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 #: role → working unit of a campaign → the same for pint. An angle has no dimension: it is known by its unit's name
@@ -16,41 +17,37 @@ ROLES: dict[str, dict[str, str]] = {
     "force": {"N": "newton", "N·m": "newton*meter", "kPa": "kilopascal"},
 }
 #: of channels that are not used: so that a row of units is known for one
-_OTHER = ("volt", "ampere", "kelvin", "hertz", "coulomb", "meter/second", "ohm")
+_OTHER = ("volt", "ampere", "kelvin", "hertz", "coulomb", "meter/second", "ohm", "count")
+#: of the thousand units of pint those that recorders write, by its names: others are words and letters in a heading
+_UNITS = frozenset(
+    "meter inch foot thou micron degree radian arcminute arcsecond turn second minute hour day newton "
+    "force_pound kip force_kilogram force_gram force_metric_ton force_ounce pascal bar pound_force_per_square_inch "
+    "torr meter_Hg kip_per_square_inch standard_atmosphere standard_gravity galileo volt ampere kelvin hertz ohm "
+    "coulomb joule watt gram count".split()
+)
+_PREFIXES = {"", "pico", "nano", "micro", "milli", "centi", "deca", "hecto", "kilo", "mega", "giga"}
 _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "revolution")
+#: what pint does not know, as it stands or in lower case
 _WORDS = {
-    "°": "deg", "grad": "deg", "degrees": "deg", "degree": "deg", "umdr": "turn",
-    "nm": "N*m", "knm": "kN*m", "mnm": "mN*m", "ncm": "N*cm", "nmm": "N*mm",
-    "lb": "lbf", "lbs": "lbf", "kg": "kgf", "kgs": "kgf",
-    "kp": "kgf", "kips": "kip", "newtons": "N", "sec": "s", "secs": "s", "sek": "s",
-    "sekunden": "s", "secondes": "s", '"': "inch", "volts": "V", "m/s/s": "m/s**2", "gee": "g_0", "gn": "g_0",
-    "mil": "thou", "mils": "thou", "kg-f": "kgf", "lb-f": "lbf", "mp": "tf", "gees": "g_0", "g's": "g_0",
-    "mikrometer": "um", "kg.f": "kgf", "millisekunden": "ms", "minuten": "min", "stunden": "hour", "std": "hour",
-    "ft-lb": "foot*lbf", "in-lb": "inch*lbf", "lb-in": "inch*lbf", "lb-ft": "foot*lbf", "lbf-in": "inch*lbf",
+    "Nm": "N*m", "NM": "N*m", "mNm": "mN*m", "MNm": "MN*m", "MPA": "MPa", "Mpa": "MPa", "MV": "mV", "Mm": "mm",
+    "Ms": "ms", "Min": "min", "kn": "kN", "dan": "daN", "pa": "Pa", "kpa": "kPa", "hz": "Hz", "knm": "kN*m",
+    "ncm": "N*cm", "nmm": "N*mm", "lb": "lbf", "lbs": "lbf", "pounds": "lbf", "oz": "ozf", "in": "inch", "kg": "kgf",
+    "kgs": "kgf", "kp": "kgf", "mp": "tf", "kg-f": "kgf", "kg.f": "kgf", "lb-f": "lbf", "gn": "g_0", "gee": "g_0",
+    "gees": "g_0", "g's": "g_0", "grad": "deg", "umdr": "turn", "rev": "turn", "cycle": "count", '"': "inch",
+    "cycles": "count", "mil": "thou", "mils": "thou", "mikrometer": "um", "sek": "s", "sekunden": "s", "secondes": "s",
+    "millisekunden": "ms", "minuten": "min", "stunden": "hour", "std": "hour", "°c": "kelvin", "degc": "kelvin",
     "мм": "mm", "см": "cm", "м": "m", "мкм": "um", "н": "N", "кн": "kN", "дан": "daN", "кгс": "kgf", "тс": "tf",
-    "н*м": "N*m", "кн*м": "kN*m", "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "мин": "min", "в": "V", "мв": "mV",
-    "град": "deg", "м/с2": "m/s**2", "毫米": "mm", "微米": "um", "秒": "s", "毫秒": "ms", "牛": "N", "千牛": "kN",
-    "in-lbf": "inch*lbf", "ft-lbf": "foot*lbf", "lbf-ft": "foot*lbf", "°c": "kelvin", "degc": "kelvin",
-}  # fmt: skip
-
-
-#: upper-case headings, where letters no longer say which prefix is meant: what pint would take for other units
-_UPPER = {
-    "MM": "mm", "CM": "cm", "M": "m", "UM": "um", "IN": "inch", "KN": "kN", "LBF": "lbf", "KIP": "kip", "KIPS": "kip",
-    "KGF": "kgf", "DAN": "daN", "SEC": "s", "SECS": "s", "S": "s", "MS": "ms", "MSEC": "ms", "US": "us", "USEC": "us",
-    "KPA": "kPa", "MPA": "MPa", "PA": "Pa", "BAR": "bar", "PSI": "psi", "DEG": "deg", "RAD": "rad", "MRAD": "mrad",
-    "MV": "mV", "NM": "N*m", "KNM": "kN*m", "N-M": "N*m", "KN-M": "kN*m", "M/S2": "m/s**2", "M/S^2": "m/s**2",
-    "Mm": "mm", "Cm": "cm", "Um": "um", "Min": "min", "Ms": "ms", "Kn": "kN", "kn": "kN", "Kpa": "kPa", "Mpa": "MPa",
-    "MM/S2": "mm/s**2", "MM/S^2": "mm/s**2", "M/S": "m/s", "MM/S": "mm/s", "HZ": "Hz",
+    "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "мин": "min", "в": "V", "мв": "mV", "град": "deg", "м/с2": "m/s**2",
+    "毫米": "mm", "微米": "um", "秒": "s", "毫秒": "ms", "牛": "N", "千牛": "kN",
 }  # fmt: skip
 _RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
-#: units that stand after a blank or a comma ("Force, N"): others are more often words
-_BARE = {
-    "mm", "um", "µm", "in", "inch", "N", "kN", "lbf", "s", "ms", "sec", "g",
-    "deg", "rad", "Nm", "kPa", "MPa", "bar", "psi",
-}  # fmt: skip
+#: units that stand without brackets ("Force N", force_N): others are more often words and letters there
+_BARE = frozenset(
+    "mm um µm μm nm cm m in inch inches ft thou deg degrees rad mrad N kN mN newton newtons lbf kip kgf Nm kNm mNm Pa "
+    "kPa MPa bar mbar psi s ms us µs ns sec seconds min g mg m/s2 m/s² m/s^2 mm/s2 rad/s2 deg/s2 V mV".split()
+)
+_FACTOR = re.compile(r"(?:\d/\d+|\d[.,]\d+|\bin \d+)\s*$")  # before a unit: 1/10 s, 0.01 mm
 _WIDE = str.maketrans("（）［］／，：", "()[]/,:")  # signs as wide as a Chinese character
-_RATES = {"mm": "mm/s", "m": "m/s", "in": "in/s", "um": "um/s", "rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s"}
 _THOUSANDS = re.compile(r"[1-9]\d{0,2}(,\d{3})+")
 
 
@@ -84,20 +81,19 @@ _POWER = re.compile(r"(?<=[A-Za-z])\s*\*\*\s*[+-]?\d(?![\d.eE]|\s*\*\*)")
 
 def _spelt(text: str, role: str) -> str:
     """A unit's text in pint's spelling; g is gravity for an acceleration, in as much as it stands alone."""
-    text = re.sub("[⁻¹²³]+", r"^\g<0>", text)
+    text = re.sub("[⁻¹²³]+", r"^\g<0>", text.replace("º", "°"))
     text = unicodedata.normalize("NFKC", text).strip().strip("[](){}<>").strip()
     text = text.replace("·", "*").replace("⋅", "*").replace("−", "-").removesuffix(".")
-    text = _UPPER.get(text, text)
-    if text.lower() in _WORDS and text not in ("mN", "nm", "Mnm"):
-        text = _WORDS[text.lower()]
+    if text.lower() not in _WORDS:  # N.m, in-lb
+        text = re.sub(r"(?<=[^\W\d_])[.-](?=[^\W\d_])", "*", text)
+    text = "*".join(_WORDS.get(x) or _WORDS.get(x.lower(), x) for x in text.split("*"))
     text = text.replace("μ", "u").replace("°", "deg")
-    text = re.sub(r"(?<=[A-Za-z])\.(?=[A-Za-z])", "*", text)  # N.m
     text = re.sub(r"(?<![A-Za-z])(lb)(?![A-Za-z])", "lbf", text)
     text = re.sub(r"(?<=[A-Za-z])(?<!\d[eE])(-?[23]|-1)(?![\d.])", r"**\1", text.replace("^", "**"))  # m/s2, m s-2
     if role == "acceleration":
         text = re.sub(r"(?<![A-Za-z_])(m?)[gG](?![A-Za-z_])", r"\1g_0", text)
     elif role == "force":
-        text = "gf" if text == "g" else text
+        text = {"g": "gf", "nm": "N*m"}.get(text, text)
     return text
 
 
@@ -112,9 +108,15 @@ def _quantity(text: str, role: str) -> Any:
     registry = _registry()
     for text in (spelt, spelt.lower()):  # Newton, Millimeter
         try:
-            return registry.Quantity(text)
+            found = registry.Quantity(text)
         except Exception:  # pint's parser raises errors of many kinds, Python's own syntax errors among them
             continue
+        parts = [
+            {p + u for p, u, _ in registry.parse_unit_name(name) if p in _PREFIXES and u in _UNITS}
+            for name, _ in found.unit_items()
+        ]
+        if all(parts):
+            return found
     return None
 
 
@@ -138,9 +140,12 @@ def role_of(unit: str) -> str | None:
 
 @lru_cache(10_000)
 def may_be(unit: str, role: str) -> bool:
-    """Whether a unit can be one of a role: g is an acceleration, and of a load cell a force."""
+    """Whether a unit can be one of a role: g is an acceleration, and of a load cell a force. "100 N" is none: a range,
+    or what a sample of 1 means."""
     found = _quantity(unit, role)
-    return found is not None and _working(found, role) is not None and "joule" not in str(found.units)  # no torque
+    if found is None or found.magnitude != 1 or "joule" in str(found.units):  # an energy is no torque
+        return False
+    return _working(found, role) is not None
 
 
 @lru_cache(10_000)
@@ -178,32 +183,39 @@ def split_name(name: str) -> tuple[str, str]:
     """Name and unit from 'Force [kN]', 'Weg in mm', 'Kraft / N', 'force_N'; the unit is "" where there is none."""
     name = name.translate(_WIDE).strip(" ;,")
     found = re.fullmatch(r"(.+?)\s*[\[({<]([^\[\](){}<>]+(?:\([^()]*\))?)[\])}>]", name)
-    if found and re.search(r"[^\W\d_]|[°%\"]", found[2]):
-        known = is_unit(found[2]) or is_ratio(found[2])
-        return (found[1].strip(), found[2].strip()) if known else (name, "")
+    found = found if found and re.search(r"[^\W\d_]|[°%\"]", found[2]) else None
+    if found:
+        if contradict(split_name(found[1])[1], found[2]):
+            return name, ""
+        if is_unit(found[2]) or is_ratio(found[2]):
+            return found[1].strip(), found[2].strip()
     for within in re.finditer(r"\s*[\[({<]([^\[\](){}<>]+)[\])}>]\s*", name):  # [mm] Weg, Force (N) Run 1
         if role_of(within[1]) or is_volts(within[1]):
             return f"{name[: within.start()]} {name[within.end() :]}".strip(), within[1].strip()
+    if found:
+        return name, ""
     for pattern in (r"(.+?)\s+in\s+(\S+)", r"(.+?)\s*/\s*(\S+)", r"(.+?)\s*[,:]\s*(\S+)", r"(.+?)\s+(?:-\s+)?(\S+)"):
         found = re.fullmatch(pattern, name)
-        bare = pattern.startswith((r"(.+?)\s*[", r"(.+?)\s+(?"))
-        if (
-            found
-            and found[2][0] not in "(["
-            and (_WORDS.get(found[2].lower(), found[2]) in _BARE if bare else _is_word_unit(found[2]))
-        ):
-            return found[1].strip(), found[2].strip()
+        if found and (_bare(found[1], found[2]) if "[" in pattern or "-" in pattern else _is_word_unit(found[2])):
+            return (name, "") if _FACTOR.search(found[1]) else (found[1].strip(), found[2].strip())
     parts = name.split("_")
-    if len(parts) > 2 and parts[-1] == "s" and parts[-2] in _RATES:
-        return "_".join(parts[:-2]), _RATES[parts[-2]]  # a velocity, no time
+    if len(parts) > 2 and parts[-1] == "s" and may_be(parts[-2], "displacement"):
+        return "_".join(parts[:-2]), f"{parts[-2]}/s"  # a velocity, no time
     for k in range(max(1, len(parts) - 3), len(parts)):
-        unit = "_".join(parts[k:])
-        spelt = {"m_s2": "m/s2", "mm_s2": "mm/s2", "rad_s2": "rad/s2", "deg_s2": "deg/s2"}.get(
-            unit, unit.replace("_", "*")
-        )
-        if role_of(spelt) or spelt in ("V", "mV"):
-            return "_".join(parts[:k]), spelt
+        stem, unit = "_".join(parts[:k]), "_".join(parts[k:])
+        spelt = f"{unit[:-3]}/s2" if unit.endswith("_s2") else unit.replace("_", "*")
+        if _bare(stem, spelt):
+            return stem, spelt
     return name, ""
+
+
+def _bare(stem: str, unit: str) -> bool:
+    """Whether what stands without brackets behind a name is its unit: of a role that the name says, if it says one."""
+    known = (
+        x in _BARE or _WORDS.get(x.lower()) in _BARE or (x.isupper() and x.lower() in _BARE) for x in unit.split("*")
+    )
+    roles = [role for role in WORDS if named(stem, role)]
+    return all(known) and (not roles or is_volts(unit) or any(may_be(unit, role) for role in roles))
 
 
 def _is_word_unit(text: str) -> bool:
@@ -217,11 +229,6 @@ def converted(values: Array, unit: str, sensitivity: str, role: str, where: str)
     Raises CampaignError that starts with `where`.
     """
     known = ", ".join(ROLES[role])
-    if is_ratio(unit):
-        raise CampaignError(
-            f"{where}: {unit} is a ratio, no {role}; multiply it by the length it is of: --unit "
-            f'"{role}=50 mm" for a gauge length of 50 mm and samples in mm/mm'
-        )
     quantity = _quantity(decimal_point(unit), role)
     if unit and quantity is None:
         raise CampaignError(f'{where}: unit {unit!r} is not known; say it with --unit "{role}=UNIT" ({known} ...)')
@@ -236,12 +243,8 @@ def converted(values: Array, unit: str, sensitivity: str, role: str, where: str)
         if not ways:
             raise CampaignError(f"{where}: {unit or 'V'} with a sensitivity of {sensitivity} gives no {role} ({known})")
         quantity = ways[0]
-    if quantity is None:
-        raise CampaignError(f'{where}: the file states no unit; say it with --unit "{role}=UNIT" ({known} ...)')
-    working = _working(quantity, role)
+    working = None if quantity is None else _working(quantity, role)
     if working is None:
-        volts = quantity.check(_registry().Quantity(1.0, "volt").dimensionality)
-        fix = f'say what it means: --sensitivity "{role}=9.55 mV/N"' if volts else f"it must be one of {known} ..."
-        raise CampaignError(f"{where}: unit {unit} is no unit of {role}; {fix}")
+        raise CampaignError(f"{where}: unit {unit} is no unit of {role}; it must be one of {known} ...")
     factor = float(quantity.to(ROLES[role][working]).magnitude)
     return values * factor, working

@@ -190,10 +190,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
 def _unused(record: Record, loop: Loop) -> list[str]:
     """Parts before and after the cycles that are used in which the motion is much smaller, and is no standstill."""
     time, kept, notes = record.time_s, record.time_s[loop.cut.index], []
-    for where, part, said in (
-        ("start", time < kept[0], loop.cut.run_in),
-        ("end", time > kept[-1], loop.cut.run_out),
-    ):
+    for where, part, said in (("start", time < kept[0], loop.cut.run_in), ("end", time > kept[-1], loop.cut.run_out)):
         cycles = float(np.ptp(time[part])) * loop.frequency_hz if np.count_nonzero(part) > 1 else 0.0
         if said or cycles < UNUSED:
             continue
@@ -213,9 +210,9 @@ def _corners(loop: Loop) -> list[str]:
     if not loop.corners_gap:
         return []
     return [
-        "the drive has corners (a triangle, holds): it is kept whole, but a motion that turns at once is more than "
-        f"filtered channels pass. A gap of up to {100 * loop.corners_gap:.2g} % of the friction force may be "
-        "theirs, and `diagnose` lays that on nothing; run sines"
+        "the displacement has corners (a triangle, holds, a sensor's ripple): it is kept whole, but what turns "
+        f"at once is more than filtered channels pass. A gap of up to {100 * loop.corners_gap:.2g} % of the friction "
+        "force may be theirs, and `diagnose` lays that on nothing; run sines"
     ]
 
 

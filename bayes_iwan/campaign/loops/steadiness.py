@@ -18,6 +18,7 @@ from bayes_iwan.campaign.timing.cycles import cycle_shapes
 FEWEST = 6  # cycles below which scatter over cycles says nothing
 SIGMAS = 8.0  # of its own scatter: what stands out
 JUMP, LARGE_JUMP = 0.01, 0.05  # of a cycle: a jump of phase that is said, and one that is refused
+ALONE = 5.0  # times all others that one cycle is shorter or longer
 CLOCK = 0.006  # of a cycle: the bow of the phase that a drifting frequency makes
 AMPLITUDE = 0.01  # of the drive's amplitude: change over the record that is said
 FORCE = 0.02  # of the force's amplitude: the same
@@ -75,7 +76,7 @@ def disturbances(loop: Loop) -> list[str]:
     Raises CampaignError for a jump of phase of more than LARGE_JUMP and for stretches in which a channel is dead.
     """
     if loop.n_cycles < FEWEST:
-        return []
+        return _jumped(loop, *_short_cycle(loop)) if loop.record.clock else []
     each = cycles_of(loop)
     notes = _phase(loop, each) if loop.record.clock else []
     notes += _drive_amplitude(loop, each)
@@ -105,20 +106,37 @@ def _outlying(values: Array, floor: float) -> tuple[int, float]:
     return k + 1, float(change[k])
 
 
+def _short_cycle(loop: Loop) -> tuple[int, float]:
+    """The cycle that is shorter or longer than all others, which agree, as (its index, by how many cycles the phase
+    jumps in it); (-1, 0) where there is none. Of few cycles no median of changes shows it."""
+    number = np.append(loop.cut.cycles, loop.cut.cycles[-1] + 1)
+    lasting = np.diff(np.interp(number, loop.cut.phase, loop.record.time_s)) / np.diff(number)
+    apart = 1.0 - lasting / np.median(lasting)
+    k = int(np.argmax(np.abs(apart)))
+    alone = lasting.size > 2 and abs(apart[k]) > max(LARGE_JUMP, ALONE * np.max(np.abs(np.delete(apart, k))))
+    return (k, float(apart[k])) if alone else (-1, 0.0)
+
+
+def _jumped(loop: Loop, k: int, jump: float) -> list[str]:
+    """What is said of a jump of the phase in the k-th cycle, nothing for k < 0. Raises CampaignError for a large
+    one."""
+    if k < 0:
+        return []
+    at = np.interp(loop.cut.cycles[k] + 0.5, loop.cut.phase, loop.record.time_s)
+    what = f"the phase of both channels jumps by {360 * jump:+.0f}° near {at:.5g} s"
+    if abs(jump) > LARGE_JUMP:
+        raise CampaignError(
+            f"{loop.file}: {what}, while the time column runs on: rows are missing (about "
+            f"{(jump % 1) / loop.frequency_hz:.3g} s), or two records were joined. List the parts before and after "
+            "as two records"
+        )
+    return [f"{what}: rows lost, or records joined? The averaged loop is smeared there; list the parts as two records"]
+
+
 def _phase(loop: Loop, each: Cycles) -> list[str]:
     e = each.phase_error
-    k, jump = _outlying(e, JUMP)
-    if k > 0:
-        what = f"the phase of both channels jumps by {360 * jump:+.0f}° near {each.time_s[k]:.5g} s"
-        if abs(jump) > LARGE_JUMP:
-            raise CampaignError(
-                f"{loop.file}: {what}, while the time column runs on: rows are missing (about "
-                f"{(jump % 1) / loop.frequency_hz:.3g} s), or two records were joined. List the parts before and after "
-                "as two records"
-            )
-        return [
-            f"{what}: rows lost, or records joined? The averaged loop is smeared there; list the parts as two records"
-        ]
+    if jumped := _jumped(loop, *_outlying(e, JUMP)) or _jumped(loop, *_short_cycle(loop)):
+        return jumped
     x = np.linspace(-1, 1, e.size)
     basis = np.polynomial.legendre.legvander(x, 2)
     found = np.linalg.lstsq(basis, e, rcond=None)[0]

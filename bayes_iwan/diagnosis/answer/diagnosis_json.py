@@ -64,6 +64,7 @@ def to_dict(d: Diagnosis) -> dict[str, object]:
             "share_of_friction": b.unexplained.of_friction,
             "where": list(b.unexplained.where),
             "resembles": b.unexplained.resembles,
+            "resembling_share": b.unexplained.resembling,
             "physics": physics_of_pattern(b.unexplained.resembles),
             "line_at_half_frequency": b.unexplained.subharmonic,
         },

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
 from bayes_iwan.diagnosis.fits.residuals import LOOP, Residual
 
@@ -35,7 +36,8 @@ class GrowthLaw:
     """c · (f/f₀)^a · (A/A₀)^b in one harmonic; f₀ and A₀ are the largest of the tests.
 
     force_N, sd_N : c and its standard error. frequency_power, amplitude_power : a, b as (best, low, high) with 90 %
-    intervals, None where the tests cannot tell. gain : fall of the residual's χ² by this one term.
+    intervals, infinite where the grid of exponents ends, None where the tests cannot tell. gain : fall of the
+    residual's χ² by this one term.
     """
 
     order: int
@@ -60,7 +62,7 @@ class LawSearch:
         f, a = np.array([x.frequency_hz for x in loops]), np.array([x.amplitude_mm for x in loops])
         self.f_powers = FREQUENCY_POWERS if f.max() > LEAST_RATIO * f.min() else np.zeros(1)
         self.a_powers = AMPLITUDE_POWERS if a.max() > LEAST_RATIO * a.min() else np.zeros(1)
-        self.frequencies = 1 + int(np.sum(np.diff(np.sort(np.log(f))) > np.log(1.1)))
+        self.frequencies = len(groups_of(f.tolist()))
         shape = (f / f.max())[None, None] ** self.f_powers[:, None, None]
         shape = (shape * (a / a.max())[None, None] ** self.a_powers[None, :, None]).reshape(-1, len(f))
         linear, z = residual.fit.linear, residual.fit.z
@@ -144,7 +146,8 @@ class LawSearch:
 
 
 def _profile(powers: Array, gain: Array, spare: float) -> tuple[float, float, float] | None:
-    """Best exponent and its 90 % interval from the profile of the gain over a grid of exponents."""
+    """Best exponent and its 90 % interval from the profile of the gain over a grid of exponents; an interval that
+    reaches an end of the grid is open there."""
     if len(powers) == 1:
         return None
     best = int(np.argmax(gain))
@@ -157,4 +160,5 @@ def _profile(powers: Array, gain: Array, spare: float) -> tuple[float, float, fl
     fine = np.linspace(powers[0], powers[-1], 501)
     kept = fine[np.interp(fine, powers, gain) >= top * (1.0 - LOOSE) - FALL * spare]
     low, high = (float(kept.min()), float(kept.max())) if len(kept) else (at, at)
+    low, high = -np.inf if low == fine[0] else low, np.inf if high == fine[-1] else high
     return at, min(low, at - LEAST_REACH), max(high, at + LEAST_REACH)

@@ -5,7 +5,7 @@ freedom, the search never sees the effect. So the base is fitted once more with 
 with the effect in its place; evidence and gap of the two say whether these tests tell them apart.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +32,8 @@ USED_SHARE = 0.003
 TELLS_NATS, TELLS_RATIO = 10.0, 1.5
 #: starts and iterations of a refit
 STARTS, ITERATIONS = 4, 25
+#: dependences that the text holds; the page holds all
+IMITATIONS_SAID = 2
 #: prior standard deviations from which a base parameter is said to lie far from what is plausible
 FAR = 3.0
 
@@ -110,6 +112,12 @@ class Imitation:
     def said(self) -> bool:
         """Do these tests leave several open? Of a single effect the verdict says what there is to say."""
         return len(self.tied) > 1
+
+
+def said_in_text(some: Sequence[Imitation]) -> list[Imitation]:
+    """The dependences that the text holds: of speed, then those with the most at stake."""
+    said = [x for x in some if x.said]
+    return sorted(said, key=lambda x: (x.what != "speed dependence", -x.without))[:IMITATIONS_SAID]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from scipy import fft
 
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign import Campaign
+from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.answer.growth_laws import GrowthLaw, LawSearch
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.fits.data import MAINS_HZ, TREND_HARMONICS
@@ -160,9 +161,7 @@ def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> 
 def along_cycle(residual: Residual, value: np.ndarray) -> Array:
     """(…, T, samples) residual force in N on the loops' phases from (…, T, M) complex numbers, means omitted."""
     samples = len(residual.data.loops[0].phase)
-    whole = np.zeros((*value.shape[:-1], samples // 2 + 1), dtype=complex)
-    use = np.flatnonzero(residual.kind <= MEAN)[: whole.shape[-1] - 1]
-    whole[..., : len(use)] = value[..., use] * (0.5 * samples)
+    whole = value[..., residual.kind <= MEAN] * (0.5 * samples)
     whole[..., 0] = 0.0
     return fft.irfft(whole, n=samples, axis=-1)
 
@@ -211,14 +210,14 @@ class _Statistics:
 
     def _name(self) -> None:
         loops = self.residual.data.loops
-        self.by = {
-            "frequency": sorted({x.record.frequency_hz for x in loops}),
-            "amplitude": sorted({x.record.amplitude_mm for x in loops}),
-        }
         names = [("test", x.file) for x in loops]
         names += [("region", name) for name in self.masks]
-        names += [("frequency", f"{f:g} Hz") for f in self.by["frequency"]]
-        names += [("amplitude", f"{a:g} mm") for a in self.by["amplitude"]]
+        self.groups: list[list[int]] = []
+        for kind, unit in (("frequency", "Hz"), ("amplitude", "mm")):
+            stated = np.array([getattr(x.record, f"{kind}_{unit.lower()}") for x in loops])
+            for part in groups_of(stated.tolist()):
+                self.groups.append(part)
+                names.append((kind, f"{stated[part].mean():.4g} {unit}"))
         names += [(part, str(h)) for part in ("in phase", "quadrature") for h in range(1, self.orders + 1)]
         names += [("parity", "odd"), ("parity", "even"), ("mean", "mean force")]
         names += [("trend", x.file) for x in loops]
@@ -227,8 +226,7 @@ class _Statistics:
         self.names = names
         tests = len(loops)
         time = [float(m.mean()) for m in self.masks.values()]
-        groups = [np.mean([x.record.frequency_hz == f for x in loops]) for f in self.by["frequency"]]
-        groups += [np.mean([x.record.amplitude_mm == a for x in loops]) for a in self.by["amplitude"]]
+        groups = [len(part) / tests for part in self.groups]
         others = len(names) - tests - len(time) - len(groups)
         self.time = np.array([1.0 / tests] * tests + time + groups + [1.0] * others)
         trends = np.array([kind == "trend" for kind, _ in names])
@@ -248,14 +246,7 @@ class _Statistics:
         squares = along_cycle(r, value) ** 2
         parts = [by_test / tests]
         parts.append(np.stack([np.mean(squares * m, axis=(1, 2)) for m in self.masks.values()], axis=1))
-        for key in ("frequency", "amplitude"):
-            nominal = np.array(
-                [
-                    getattr(x.record, {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}[key])
-                    for x in r.data.loops
-                ]
-            )
-            parts.append(np.stack([by_test[:, nominal == x].sum(axis=1) / tests for x in self.by[key]], axis=1))
+        parts.append(np.stack([by_test[:, part].sum(axis=1) / tests for part in self.groups], axis=1))
         p = self.turned(value)[..., 1 : self.orders + 1]
         parts += [0.5 * np.mean(p.real**2, axis=1), 0.5 * np.mean(p.imag**2, axis=1)]
         square = np.mean(r.weight * np.abs(value) ** 2, axis=1)

@@ -8,6 +8,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.limits import RigLimits
+from bayes_iwan.campaign.timing.groups import SAME
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
@@ -31,8 +32,6 @@ LEAST_NATS = 4.0
 SMALLER = 0.5
 #: the fitted force of a planned test may exceed the limit by the gap
 FORCE_MARGIN = 1.02
-#: tests whose frequencies and amplitudes differ by less than this share are the same
-SAME_TEST = 0.05
 #: what helps where no loop test that this rig can run does, and the effects name no action at the bench
 BENCH = "a rig with more force, stroke or speed"
 #: harmonics that a planned test is assessed by
@@ -163,4 +162,4 @@ def next_test(
 def not_run(plans: Sequence[tuple[float, float]], data: GapData) -> list[tuple[float, float]]:
     """Those of the planned tests that are not in the campaign."""
     run = np.log([(x.frequency_hz, x.amplitude_mm) for x in data.loops])
-    return [p for p in plans if np.min(np.max(np.abs(np.log(p) - run), axis=1)) > SAME_TEST]
+    return [p for p in plans if np.min(np.max(np.abs(np.log(p) - run), axis=1)) > SAME]

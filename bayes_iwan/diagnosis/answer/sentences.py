@@ -1,6 +1,7 @@
 """The answer of a diagnosis in one screen of plain sentences, and what colour its box has."""
 
-from bayes_iwan.diagnosis.answer.imitation import Imitation
+from bayes_iwan.diagnosis.answer.growth_laws import LEAST_RATIO
+from bayes_iwan.diagnosis.answer.imitation import Imitation, said_in_text
 from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.wording import (
@@ -19,6 +20,7 @@ from bayes_iwan.diagnosis.answer.wording import (
     title,
 )
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
+from bayes_iwan.diagnosis.assessment.verdict import refused
 from bayes_iwan.diagnosis.constants import LEAST_GAP
 from bayes_iwan.diagnosis.fits.gap_size import Gap
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
@@ -31,12 +33,10 @@ ALONG_SAID = 0.1
 SUBHARMONIC_SAID = 20.0
 #: share of the friction force that the base misses from which it is said not to describe the specimen at all
 NO_MODEL = 0.8
-#: ratio of the largest to the smallest frequency from which speed is distinguished from amplitude
-FREQUENCIES_DIFFER = 1.3
 #: effects that a record itself shows, whatever its frequency
 NO_TIME_CONSTANT = frozenset({"force_drift", "mains_interference"})
-#: dependences that the base can imitate, and base parameters at the edge, that the text holds; the page holds all
-IMITATIONS_SAID, EDGES_SAID = 2, 3
+#: base parameters at the edge that the text holds; the page holds all
+EDGES_SAID = 3
 
 
 def not_excluded(d: Diagnosis) -> list[str]:
@@ -142,10 +142,10 @@ def _kind(d: Diagnosis) -> list[str]:
 
 
 def _cornered(d: Diagnosis) -> str:
-    """Which drives turn at once."""
+    """Which tests turn at once, by their drive or by what their sensor makes of it."""
     files = d.verdict.cornered
     which = ", ".join(files[:MOST_NAMES]) + (" …" if len(files) > MOST_NAMES else "")
-    return f"the drive of {len(files)} test{'s' if len(files) > 1 else ''} has corners ({which})"
+    return f"the displacement of {len(files)} test{'s' if len(files) > 1 else ''} has corners ({which})"
 
 
 def _cause(c: Cause, d: Diagnosis) -> str:
@@ -163,7 +163,7 @@ def _cause(c: Cause, d: Diagnosis) -> str:
     if c.along is not None and c.along > c.share.value + ALONG_SAID:
         text += f", and {percent(c.along)} of what changes along the records"
     text += "."
-    if c.share.low <= 0.0:
+    if c.share.low <= 0.0 and c.gaps.last <= c.vague.data:  # two that only help together remove nothing alone
         text += " Its share may be nothing."
     if len(d.verdict.causes) > 1:
         on = "" if c.held_out is None else " on held-out tests"
@@ -214,7 +214,8 @@ def _suspects(d: Diagnosis) -> list[str]:
     some = d.verdict.suspects
     if not some:
         return []
-    which = ", ".join(f"{title(x.name)} (by {percent(x.share)})" for x in some[:MOST_NAMES])
+    why = {f.name: f"; {refused(f)}" for f in d.found.figures if refused(f)}
+    which = ", ".join(f"{title(x.name)} (by {percent(x.share)}{why.get(x.name, '')})" for x in some[:MOST_NAMES])
     more = f" and {len(some) - MOST_NAMES} more" if len(some) > MOST_NAMES else ""
     if parted(d.data):
         return [f"Each of these would reduce the gap, but its fit or its numbers speak against it: {which}{more}."]
@@ -222,11 +223,8 @@ def _suspects(d: Diagnosis) -> list[str]:
 
 
 def _imitations(d: Diagnosis) -> list[str]:
-    """Dependences that a freedom of the base and an effect explain alike, what is at stake first."""
-    said = sorted((x for x in d.imitations if x.said), key=lambda x: -x.without)
-    speed = [x for x in said if x.what == "speed dependence"]
-    chosen = [*speed, *(x for x in said if x not in speed)][:IMITATIONS_SAID]
-    return [_imitation(x, d) for x in chosen]
+    """Dependences that a freedom of the base and an effect explain alike."""
+    return [_imitation(x, d) for x in said_in_text(d.imitations)]
 
 
 def _imitation(x: Imitation, d: Diagnosis) -> str:
@@ -250,7 +248,7 @@ def _imitation(x: Imitation, d: Diagnosis) -> str:
 def _frequencies_differ(d: Diagnosis) -> bool:
     """Or is it said already that all tests are alike?"""
     f = [loop.frequency_hz for loop in d.data.loops]
-    return max(f) >= FREQUENCIES_DIFFER * min(f) or not parted(d.data)
+    return max(f) >= LEAST_RATIO * min(f) or not parted(d.data)
 
 
 def _unexplained(d: Diagnosis) -> str:
@@ -261,8 +259,7 @@ def _unexplained(d: Diagnosis) -> str:
     if after.low_N <= 0.0 and not d.verdict.unknown_cause:
         return f"Unexplained: nothing beyond noise{_at_most(after)}."
     size = f"{share} of the gap, {force(after.rms_N)}, {percent(after.share)} of the friction force"
-    tied_only = d.verdict.one_of and not d.verdict.causes
-    if tied_only:
+    if d.verdict.one_of and not d.verdict.causes:
         size += ", since nothing is named"
     if kind is Kind.EXPLAINED:
         return f"Unexplained: {size}. A law that is slightly off leaves as much."
@@ -272,7 +269,7 @@ def _unexplained(d: Diagnosis) -> str:
         return f"Unexplained: {size}. Another form of the base model would leave less."
     if kind is Kind.DRIVE:
         return f"Unexplained: {size}. It may be the channels' or the specimen's."
-    what = "a cause: one of these or another" if tied_only else "a cause of its own"
+    what = "a cause: one of these or another" if d.verdict.one_of else "a cause of its own"
     return f"Unexplained: {size} (probability {probability(unexplained.probability)} that it has {what})."
 
 
@@ -281,7 +278,7 @@ def _resembles(d: Diagnosis) -> list[str]:
     out, unexplained = [], d.budget.unexplained
     physics = physics_of_pattern(unexplained.resembles) if d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN) else None
     if physics:
-        out.append(f"It resembles this most: {physics.rstrip('.')}.")
+        out.append(f"{percent(unexplained.resembling)} of the gap resembles this: {physics.rstrip('.')}.")
     if _half_frequency(d):
         out.append(
             "Every second cycle differs: the records hold a line at half the test frequency, which averaged loops hide."
@@ -340,7 +337,7 @@ def _not_converged(d: Diagnosis) -> list[str]:
 def next_sentence(d: Diagnosis) -> str:
     """What to do next."""
     if d.verdict.kind is Kind.DRIVE:
-        return "Next: run these tests again with sines."
+        return "Next: run these tests again with sines; if they were sines, check the displacement sensor."
     following = d.next_test
     if following is None and d.verdict.kind is not Kind.NONE and not parted(d.data):
         return "Next: record other amplitudes" + (" and frequencies." if d.campaign.clock else ".")

@@ -81,10 +81,10 @@ def plain(x: float | None, digits: int = 3) -> str:
 
 
 def percent(share: float | None) -> str:
-    """A share in percent: two digits below a tenth; a dash for what is not known."""
+    """A share in percent: two digits below a tenth, nothing below 0.01 %; a dash for what is not known."""
     if share is None or share != share:
         return "–"
-    text = f"{100 * share:.2g}" if 0.001 <= abs(share) < 0.0995 else f"{100 * share:.0f}"
+    text = f"{100 * share:.2g}" if 0.0001 <= abs(share) < 0.0995 else f"{100 * share:.0f}"
     return ("0" if text == "-0" else text) + " %"
 
 

@@ -79,11 +79,6 @@ class Weighed:
 
     __repr__ = brief
 
-    @property
-    def asked(self) -> Names:
-        """The best set."""
-        return frozenset(self.search.chosen)
-
 
 def weighed(search: Search, seed: int) -> Weighed:
     """Figures of the effects of the best set, fits and gaps behind them."""

@@ -156,7 +156,8 @@ class Unexplained:
     """What is left beside the named causes.
 
     probability : that it has a cause of its own; share : of the gap; of_friction : of the RMS friction force
-    where : sentences on where it sits; resembles : name of a pattern without a cause that fits it, if one does
+    where : sentences on where it sits; resembles : name of a pattern without a cause that fits it, on
+        held-out tests too, if one does; resembling : share of the gap that it removes as the last one
     subharmonic : power of a line at half a test's frequency over its background
     """
 
@@ -165,6 +166,7 @@ class Unexplained:
     of_friction: float
     where: tuple[str, ...]
     resembles: str | None
+    resembling: float
     subharmonic: float
 
     __repr__ = brief

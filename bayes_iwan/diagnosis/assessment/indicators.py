@@ -18,7 +18,7 @@ from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, moved_shares
 from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, share_by_test
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
-from bayes_iwan.diagnosis.search.search_result import Search, alike_pairs, any_alike, score
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM, Search, alike_pairs, any_alike, look_alike, score
 from bayes_iwan.effects.base import Effect
 
 Names = frozenset[str]
@@ -39,6 +39,8 @@ class Figures:
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
     tests : how many were fitted; odd : why its numbers are not plausible, "" where they are
+    beside : effects of the best set that look alike, the base's form apart: of a cause whose law is neither's both take
+        a part, and either removes little as the last one
     """
 
     name: str
@@ -53,6 +55,7 @@ class Figures:
     tests: int
     odd: str = ""
     along: float | None = None
+    beside: tuple[str, ...] = ()
 
     @property
     def has_held_out(self) -> bool:
@@ -118,6 +121,7 @@ def figures_of(
                 before=before / level,
                 tests=data.tests,
                 along=share_along,
+                beside=tuple(n for n in sorted(less) if n not in MODEL_FORM and look_alike(search.effects, name, n)),
                 # numbers are reported from the one fit, shares from the other
                 odd=implausible(effect, best, data)
                 or implausible(effect, whole_in_newtons, data)
@@ -192,9 +196,9 @@ def replaced(less: Fit, whole: Fit) -> str:
     """Why an effect, which a larger fit has, only stands for a number of the base: that is at the edge of its prior
     without the effect and is not with it; "" where none is."""
     after = dict(zip(whole.problem.names, whole.z))
-    for name, z in zip(less.problem.names, less.z):
-        if abs(z) > LARGEST_SCORE and abs(after[name]) < LARGEST_SCORE - 1.0:
-            return f"it replaces {name}, which is at the edge of its prior without it"
+    for p, z in zip(less.problem.prior.free, less.z):
+        if not p.owner and abs(z) > LARGEST_SCORE and abs(after[p.name]) < LARGEST_SCORE - 1.0:
+            return f"it replaces {p.name}, which is at the edge of its prior without it"
     return ""
 
 

@@ -14,6 +14,7 @@ from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.inference.setup.priors import Z_LIMIT
 from bayes_iwan.sampling.blocks import Density
+from bayes_iwan.sampling.chains import Stop
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import sample
 
@@ -64,7 +65,7 @@ class Target:
 
 def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], None]) -> tuple[Fit, Sampling]:
     """The fit with mean and covariance of z from draws (numbers of effects and of the base alike), its optimum kept
-    where they did not converge; as it was where there are none. And the quality of the draws."""
+    where they did not converge. And the quality of the draws. Raises KeyboardInterrupt where it was interrupted."""
     progress(f"sampling {fit.name}")
     target = Target(data, fit)
     z = np.concatenate([fit.z[None], fit.optima])
@@ -80,9 +81,8 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
         root,
         Plan(target.names, seed, budget_s=BUDGET_S, progress=False),
     )
-    if len(chains.draws[0]) == 0:
-        none = f"no draws within {BUDGET_S:.0f} s: Laplace's approximation stands"
-        return replace(fit, converged=False), Sampling(False, none, None, None)
+    if chains.stop is Stop.INTERRUPTED:
+        raise KeyboardInterrupt
     draws = chains.flat(4000)[:, : len(fit.z)]
     drawn = replace(
         fit,

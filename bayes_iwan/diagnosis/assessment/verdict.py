@@ -61,18 +61,21 @@ def named_by(given: Sequence[Figures], sets: SetProbabilities) -> tuple[str, ...
 
 
 def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
-    """An effect and what else could be in its place, the likeliest first."""
+    """An effect and what else could be in its place, the likeliest first, and what takes a part of it."""
     there = {n: v for n, v in f.alternatives.items() if n not in NO_CAUSE and v > -c.apart}
-    return tuple(sorted(there, key=lambda n: -there[n]))
+    return (*sorted(there, key=lambda n: -there[n]), *f.beside)
 
 
 def one_of(given: Sequence[Figures], named: Sequence[str], sets: SetProbabilities, c: Calibration) -> tuple[OneOf, ...]:
     """Places that some cause probably fills, one of the catalogue's effects or of the base's form, though none is
     likely enough to be named."""
-    out = []
+    out: list[OneOf] = []
     for f in given:
         some = candidates_of(f, c)
-        if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
+        fitted = f.alone if f.beside else f.fitted
+        if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or fitted < least_share(f.name, f.before):
+            continue
+        if any({*some} == {*x.names} for x in out):
             continue
         p = any_of(sets, some)
         if len(some) > 1 and p >= NAMED and not (f.has_held_out and f.held_out <= 0.0):
@@ -99,36 +102,35 @@ def unknown_cause_probability(by_size: float, given: Iterable[Figures], sets: Se
     return min(1.0 - none, SUREST)
 
 
+def resembled(given: Iterable[Figures]) -> Figures | None:
+    """The pattern without a cause that fits best; none that removes too little, or nothing on held-out tests."""
+    some = [f for f in given if f.name in NO_CAUSE and not f.held_out <= 0.0]
+    some = [f for f in some if f.fitted >= least_share(f.name, f.before)]
+    return max(some, key=lambda f: f.gain, default=None)
+
+
 def usual_form(given: Iterable[Figures]) -> frozenset[str]:
     """Model-form effects of the best set that are a specimen's usual difference from the model and so not left
     unexplained. One that stands for more is named, or what it removes has another cause."""
     return frozenset(f.name for f in given if f.name in MODEL_FORM and f.gap < LEAST_GAP)
 
 
-def unknown_cause(found: Weighed, named: Sequence[str], c: Calibration) -> float:
-    """Probability that what is left beside the named effects has a cause of its own."""
-    beside = frozenset(named) | usual_form(found.figures)
-    found.models.find([beside])
-    left = found.models.sizes[beside].all.resolved_share
-    return unknown_cause_probability(c.unknown_cause(left), found.figures, found.sets)
-
-
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
     """Name causes, give each its share of the gap, and say whether the unexplained part needs a cause of its own."""
     named = named_by(found.figures, found.sets)
     found.models.find(subsets(named))
-    unknown = unknown_cause(found, named, c)
     p = contributing(found.figures, found.sets)
-    probabilities = {n: 0.0 for n in found.search.effects if n not in NO_CAUSE} | {
-        n: v for n, v in p.items() if n not in NO_CAUSE
-    }
+    probabilities = {n: p.get(n, 0.0) for n in found.search.effects if n not in NO_CAUSE}
     causes = _causes(found, named, probabilities, c, held_out)
     while idle := [x for x in causes if _idle(x)]:
         worst = idle[-1].name  # the least share
         probabilities[worst] = min(probabilities[worst], REFUSED)
         named = tuple(n for n in named if n != worst)
         causes = _causes(found, named, probabilities, c, held_out)
-        unknown = unknown_cause(found, named, c)
+    beside = frozenset(named) | usual_form(found.figures)
+    found.models.find([beside])
+    by_size = c.unknown_cause(found.models.sizes[beside].all.resolved_share)
+    unknown = unknown_cause_probability(by_size, found.figures, found.sets)
     likeliest = max(probabilities.values(), default=0.0)
     probabilities |= {"none": (1.0 - likeliest) * (1.0 - unknown), "unknown": unknown}
     flagged = unknown >= 0.5
@@ -198,7 +200,7 @@ def _causes(
                 vague=vague,
                 held_out=None if on_held_out is None else on_held_out.measured,
                 held_out_by=" and ".join(dict.fromkeys(u.by for u in counted)) if on_held_out else "",
-                tied_with=tuple(n for n in candidates_of(f, c) if n != f.name),
+                tied_with=tuple(n for n in candidates_of(f, c) if n not in named),
                 figures=f,
                 gaps=on_held_out or on_fitted,
                 along=along if along is None or along >= LEAST_ALONG else 0.0,

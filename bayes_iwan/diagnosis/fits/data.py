@@ -30,8 +30,8 @@ MAINS_HZ = (50.0, 60.0)
 TREND_HARMONICS = 7
 #: the mains' frequency is sought within this of 50 and 60 Hz
 MAINS_WANDER = 0.4
-#: a line of the mains nearer to a harmonic than this, in cycles over the record, tells nothing of the mains: the loops'
-#: own slow change leaks into it
+#: nearer to a harmonic than this, in cycles over the record, the loops' own slow change leaks into a line, and as much
+#: beyond the harmonic: there a line counts that stands out from that
 LEAK = 4.0
 #: from record to record the mains' frequency wanders by so much (sd, Hz; large grids are held within 0.05 Hz)
 WANDERS_BY = 0.06
@@ -213,7 +213,7 @@ def _turning(loop: Loop, centre: float, typical_N: float) -> float:
     """
     time, order = loop.record.time_s, round(centre / loop.frequency_hz)
     noise = loop.noise_N[order] if order < len(loop.noise_N) else np.inf
-    if not np.isfinite(noise) or typical_N <= 0.0:
+    if not np.isfinite(noise):
         return centre
     remaining = loop.left_over(loop.record.force_N)
     white = 0.5 * noise**2 * len(remaining)  # variance a sample that makes this error of a harmonic
@@ -255,9 +255,9 @@ def _line(loop: Loop, hz: float) -> tuple[complex, float]:
     """Amplitude c + i s at a frequency in what averaging leaves of the record, and its standard error from the
     neighbouring frequencies (median, so that a line beside does not count)."""
     time = loop.record.time_s
-    rate = 1.0 / np.median(np.diff(time))
-    ratio = hz / loop.frequency_hz
-    if hz > 0.45 * rate or abs(ratio - round(ratio)) * loop.n_cycles < LEAK:
+    harmonic_hz = round(hz / loop.frequency_hz) * loop.frequency_hz
+    away = abs(hz - harmonic_hz) / loop.frequency_hz * loop.n_cycles  # in cycles over the record; one is resolved
+    if hz > 0.45 / np.median(np.diff(time)) or away < 1.0:
         return 0.0, np.inf
     remaining = loop.left_over(loop.record.force_N)
 
@@ -276,6 +276,10 @@ def _line(loop: Loop, hz: float) -> tuple[complex, float]:
     span = time[loop.averager.index[-1]] - time[loop.averager.index[0]]
     beside = [fitted(hz + k / span) for k in (-9.3, -7.7, -6.2, -4.6, 4.6, 6.2, 7.7, 9.3)]
     power = np.median([abs(v) ** 2 for v, share in beside if share >= LEAST_LEFT] or [np.inf])
+    if away < LEAK:
+        power = max(power, abs(fitted(2.0 * harmonic_hz - hz)[0]) ** 2)
+        if abs(value) ** 2 < LINE_STANDS * power:
+            return 0.0, np.inf
     return value, float(np.sqrt(0.5 * power / np.log(2.0) / max(kept, LEAST_LEFT)))
 
 

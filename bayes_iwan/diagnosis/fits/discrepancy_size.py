@@ -187,7 +187,7 @@ class Discrepancy:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _by_order(square, precision, order, out):
+def _by_order(square: Array, precision: Array, order: NDArray[np.int64], out: Array) -> None:
     """Squares (sizes, m) times precisions (sizes, m, values), added up by order into `out` (sizes, orders, values)."""
     sizes, rows, values = precision.shape
     for s in range(sizes):

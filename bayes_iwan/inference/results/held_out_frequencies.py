@@ -18,8 +18,8 @@ from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.inference.results.predictions import resolved
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
-from bayes_iwan.inference.solving.chains import first_draws
 from bayes_iwan.inference.solving.point import most_probable
+from bayes_iwan.inference.solving.posterior_draws import first_draws
 from bayes_iwan.models.motion import motion_of
 
 #: share of a held-out frequency's points that 90 % bands must hold, or it is said that they do not hold there

@@ -146,7 +146,7 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
     at, width = mean[flat // GRID] + step * (rng.random(flat.size) - 0.5), tau[flat % GRID]
     typical = coordinate.value(at)
     middle = coordinate.value(_quantiles(mean, posterior.sum(axis=1)))
-    small = 0.01 * max(wide, 1e-9)
+    small = 0.01 * wide
     steep = float((coordinate.value(at.mean() + small) - coordinate.value(at.mean() - small)) / (2.0 * small))
     between = _quantiles(tau, posterior.sum(axis=0)) * steep / (float(middle[1]) if relative else 1.0)
     another = coordinate.value(np.quantile(at + width * rng.standard_normal(flat.size), [0.05, 0.95]))

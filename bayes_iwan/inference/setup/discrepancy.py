@@ -323,7 +323,9 @@ def on_phases(parts: Array, samples: int) -> Array:
 
 
 @nb.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _discrepancy(parts, turn, values, there, spectrum, noise, out):
+def _discrepancy(
+    parts: Array, turn: Array, values: Array, there: Array, spectrum: Array, noise: Array, out: Array
+) -> None:
     """Σ |rotated residual|² / variance + ln determinant, over harmonics and tests, into out (draws,)."""
     tests, draws, _ = parts.shape
     used = turn.shape[0]

@@ -12,7 +12,15 @@ from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.models import Model, Simulator
 from bayes_iwan.report.browser import print_pdf, require_browser
 from bayes_iwan.report.cite import SOFTWARE
-from bayes_iwan.report.identification import by_frequency, checks, law_figures, loops, sampling, tables, trends
+from bayes_iwan.report.identification import (
+    by_frequency,
+    law_figures,
+    loops,
+    predictive_checks,
+    sampling,
+    tables,
+    trends,
+)
 from bayes_iwan.report.identification.by_frequency import frequencies_table
 from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
 from bayes_iwan.report.identification.predictive import Predictive, predict
@@ -93,7 +101,7 @@ class Trends(IdentifiedSection):
 
 
 class Checks(IdentifiedSection):
-    heading, draw, large = "Is the model enough?", checks, LARGE_RESIDUAL
+    heading, draw, large = "Is the model enough?", predictive_checks, LARGE_RESIDUAL
 
     @property
     def share(self) -> float:
@@ -190,7 +198,7 @@ def identification_report(
         require_browser()
     alone = by_frequency or compare_frequencies(posterior, out)
     p = predict(posterior, n=400)
-    tests, regions = tables.compared_loops(posterior, p), checks.region_checks(posterior, p)
+    tests, regions = tables.compared_loops(posterior, p), predictive_checks.region_checks(posterior, p)
     r = Identified(
         posterior=posterior, predictive=p, tests=tests, regions=regions, by_frequency=alone,
         convergence=tables.convergence_rows(posterior), folder=out,

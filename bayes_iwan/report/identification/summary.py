@@ -14,9 +14,9 @@ from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import SLIP_NAMES
 from bayes_iwan.models.iwan_parameters import embedded_parameters
 from bayes_iwan.report.identification import marginals
-from bayes_iwan.report.identification.checks import RegionChecks
 from bayes_iwan.report.identification.marginals import OPEN, contraction, number, reported, symbol_of
 from bayes_iwan.report.identification.predictive import Predictive
+from bayes_iwan.report.identification.predictive_checks import RegionChecks
 from bayes_iwan.report.identification.tables import Compared, LoopRow
 from bayes_iwan.report.identification.where_gap import findings, headline_figure
 from bayes_iwan.report.page import Section

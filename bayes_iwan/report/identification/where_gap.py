@@ -10,9 +10,9 @@ from bayes_iwan.comparison.frequencies import Frequencies
 from bayes_iwan.inference.results.held_out_frequencies import held_out_said
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
-from bayes_iwan.report.identification.checks import RegionChecks
 from bayes_iwan.report.identification.loops import draw_loop, test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
+from bayes_iwan.report.identification.predictive_checks import RegionChecks
 from bayes_iwan.report.identification.tables import LoopRow
 from bayes_iwan.report.style import BLUE, ORANGE, styled, subplots
 

@@ -17,7 +17,7 @@ NUMPY = 'save them with names and units: numpy.savetxt(..., header="time_s disp_
 
 
 def read_excel(path: Path, file: str) -> list[Recording]:
-    """Each sheet of a workbook that holds rows of numbers, read as a text table is."""
+    """Each sheet of a workbook that is shown and holds rows of numbers, read as a text table is."""
     openpyxl = library("openpyxl", "openpyxl", file, "an Excel workbook")
     try:
         with zipfile.ZipFile(path) as packed:
@@ -31,6 +31,7 @@ def read_excel(path: Path, file: str) -> list[Recording]:
         sheets = {
             sheet.title: [[_cell(x) for x in row] for row in sheet.iter_rows(values_only=True)]
             for sheet in book.worksheets
+            if sheet.sheet_state == "visible"
         }
         book.close()
     except CampaignError:

@@ -14,18 +14,16 @@ from bayes_iwan.campaign.importing.formats.stamps import seconds
 from bayes_iwan.campaign.importing.recordings import Recording, channel
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
-_END = "***End_of_Header***"
+END_OF_HEADER = "***End_of_Header***"
 
 
 def read_lvm(file: str, text: str) -> list[Recording]:
     """One recording a segment, of the text of a .lvm file."""
     lines = text.split("\n")
-    ends = [k for k, line in enumerate(lines) if line.startswith(_END)]
+    ends = [k for k, line in enumerate(lines) if line.startswith(END_OF_HEADER)]
     head = dict(line.partition("\t" if "\t" in line else ",")[::2] for line in lines[: (ends or [0])[0]])
     head = {k.strip(): v.strip() for k, v in head.items()}
     separator = "," if head.get("Separator", "Tab").lower().startswith((",", "comma")) else "\t"
-    if len(ends) < 2:
-        raise CampaignError(f"{file}: a LabVIEW file without a segment of data; write it again with headers")
     out = []
     for number, end in enumerate(ends[1:], 1):
         stop = next(
@@ -72,8 +70,8 @@ def _segment(
 
     if other := [x for place in range(len(columns)) if (x := of("X_Dimension", place)) not in ("", "Time")]:
         raise CampaignError(f"{file} segment {number}: X is {shown(other[0])}, no time; write time histories")
-    clocks = [of("Time", place) for place in range(len(columns))]
-    began = seconds(clocks) if clocks and all(clocks) else None
+    clocks, dates = ([of(key, place) for place in range(len(columns))] for key in ("Time", "Date"))
+    began = seconds(clocks, dates if all(dates) else None) if clocks and all(clocks) else None
     if began is not None and began[0].any() and own_x == "One":
         own_x = "No"  # one column of times from each channel's own start: these say when each sample was taken
     channels = []
@@ -90,6 +88,6 @@ def _segment(
         offset = float(began[0][place]) if began is not None else 0.0
         rate = 1 / step if step and step > 0 else None
         channels.append(channel(names[k], of("Y_Unit_Label", place), y, rate, start + offset, group))
-    return Recording(
-        file, f"segment {number}", tuple(c for c in channels if c is not None), (f"LabVIEW, segment {number}",)
-    )
+    kept = tuple(c for c in channels if c is not None)
+    note = f"LabVIEW, segment {number}"
+    return Recording(file, f"segment {number}", kept, (note,), began_s=None if began is None else began[2])

@@ -17,12 +17,14 @@ import numpy as np
 from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
+from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
 DEEPEST = 20  # of structs and cells within each other
-LATEST_S = 1e5  # what is more is a date, of which no unit is known
+LATEST_S = 1e5  # what is more is a date: in seconds since 1970, or of no unit that is known
+PACKED = {"scale_factor": 1, "add_offset": 0}  # by which the conventions of netCDF pack numbers, with their neutrals
 LABELS = {"name", "label", "title", "unit", "units", "signalname"}
 Said = TypeVar("Said", float, str)
 _ARRAY, _COMPRESSED = 14, 15
@@ -49,12 +51,17 @@ def read_matlab(path: Path, file: str) -> list[Recording]:
         raise CampaignError(f"{file}: cannot be read as a MATLAB file ({shown(str(error))})") from None
     if "__function_workspace__" in found:
         found = _objects(path, file)
-    held = list(_flat("", {k: v for k, v in found.items() if not k.startswith("__")}, 0))
+    found = {k: v for k, v in found.items() if not k.startswith("__")}
+    return of_variables(file, found, "MATLAB", f"the file holds {_kinds(found)}; save numbers as vectors ({SAVE})")
+
+
+def of_variables(file: str, found: Any, what: str, otherwise: str) -> list[Recording]:
+    """The arrays of variables within each other, as channels of recordings; raises CampaignError, with what to do
+    otherwise, where there are none."""
+    held = list(flat("", found, 0))
     arrays = [(k, v) for k, v in held if not isinstance(v, str)]
-    otherwise = f"the file holds {_kinds(found)}; save numbers as vectors ({SAVE})"
-    return _recordings(
-        file, arrays, "MATLAB", otherwise, *_said_of(arrays, {k: v for k, v in held if isinstance(v, str)})
-    )
+    texts = {k: v for k, v in held if isinstance(v, str)}
+    return _recordings(file, arrays, what, otherwise, texts, *_said_of(arrays, texts))
 
 
 def read_hdf5(path: Path, file: str) -> list[Recording]:
@@ -64,15 +71,15 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
     arrays: list[tuple[str, np.ndarray]] = []
     objects: set[str] = set()
     units: dict[str, str] = {}
+    texts: dict[str, str] = {}
 
     def stated(name: str, item: Any) -> None:
-        """Numbers that are stated of a dataset or group, read as those beside it are."""
-        stem = name.replace("/", ".").strip(".")
+        """Numbers and texts that are stated of a dataset or group, read as those beside it are."""
+        said = {f"{name.replace('/', '.')}.{k}".strip("."): x for k, x in item.attrs.items() if k not in PACKED}
         arrays.extend(
-            (f"{stem}.{k}".strip("."), np.asarray(x))
-            for k, x in item.attrs.items()
-            if np.size(x) == 1 and np.asarray(x).dtype.kind in "iuf"
+            (k, np.asarray(x)) for k, x in said.items() if np.size(x) == 1 and np.asarray(x).dtype.kind in "iuf"
         )
+        texts.update({k: _text(x) for k, x in said.items() if isinstance(x, bytes | str)})
 
     def visit(name: str, item: Any, depth: int = 0) -> None:
         if isinstance(item, h5py.Group):
@@ -80,8 +87,7 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
         if not isinstance(item, h5py.Dataset) or name.startswith("#") or depth > DEEPEST:
             return
         name = name.replace("/", ".")
-        kind = item.attrs.get("MATLAB_class", b"double")
-        kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
+        kind = _text(item.attrs.get("MATLAB_class", b"double"))
         if "MATLAB_object_decode" in item.attrs and kind not in ("cell", "struct"):
             objects.add(kind)
         elif h5py.check_ref_dtype(item.dtype) is h5py.Reference:  # a cell, or one field of a struct array
@@ -93,10 +99,11 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
                     inner.visititems(lambda n, x, below=below: visit(f"{below}.{n}", x, depth + 1))
                 visit(below, inner, depth + 1)
         elif item.dtype.kind in "iuf" and kind not in ("char", "logical"):
-            arrays.append((name, item[()].T))  # MATLAB writes columns first
+            size, zero = (item.attrs.get(k, neutral) for k, neutral in PACKED.items())
+            values = item[()].T  # MATLAB writes columns first
+            arrays.append((name, values if size == 1 and zero == 0 else values * size + zero))
             unit = next((item.attrs[k] for k in ("unit", "units", "Unit", "Units") if k in item.attrs), "")
-            unit = unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
-            units[name] = unit.partition(" since ")[0]  # as netCDF writes moments
+            units[name] = _text(unit).partition(" since ")[0]  # as netCDF writes moments
             stated(name, item)
         elif item.dtype.names == ("real", "imag"):
             values = item[()].T
@@ -116,8 +123,13 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
         arrays,
         "MATLAB v7.3 or HDF5",
         f"it holds {held[:200]}; save numbers as vectors ({SAVE}), or save with -v7",
+        texts,
         units,
     )
+
+
+def _text(value: Any) -> str:
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
 def _objects(path: Path, file: str) -> dict[str, Any]:
@@ -142,12 +154,13 @@ def _kinds(found: dict[str, Any]) -> str:
 
 def _said_of(arrays: list[tuple[str, np.ndarray]], texts: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     """Units and names that a file's texts say of single arrays, as Simulink, dSPACE and Testlab write them: `label`,
-    `Name`, `Unit` in the struct of one array, or anywhere in a variable that holds no other."""
+    `Name`, `Unit` in the struct of one array, or anywhere in a variable that holds no other, or `units.force`."""
     said = {k: t.strip() for k, t in texts.items() if _leaf(k) in LABELS and t.strip()}
     of_units = {k: t for k, t in said.items() if is_unit(t)}
     of_names = {k: t for k, t in said.items() if k not in of_units and _leaf(k) not in ("unit", "units")}
     vectors = [k for k, v in arrays if np.size(v) > 1]
-    units, names = {}, {}
+    apart = {_leaf(k): t.strip() for k, t in texts.items() if _leaf(k.rpartition(".")[0]) in ("unit", "units")}
+    units, names = {k: apart[_leaf(k)] for k in vectors if _leaf(k) in apart}, {}
     for name in vectors:
         group, top = name.rpartition(".")[0], name.partition(".")[0]
         if sum(k.rpartition(".")[0] == group for k in vectors) > 1 or not group:
@@ -157,7 +170,7 @@ def _said_of(arrays: list[tuple[str, np.ndarray]], texts: Mapping[str, str]) -> 
     return units, names
 
 
-def _flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
+def flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     """Numeric arrays, numbers and texts with the way to each."""
     if depth > DEEPEST:
         return
@@ -167,7 +180,7 @@ def _flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         value = {str(name): _seconds(value[name].to_numpy()) for name in value.columns}
     if isinstance(value, dict):
         for key, inner in value.items():
-            yield from _flat(f"{prefix}.{key}" if prefix else str(key), inner, depth + 1)
+            yield from flat(f"{prefix}.{key}" if prefix else str(key), inner, depth + 1)
     elif isinstance(value, str):
         yield prefix, value
     elif isinstance(value, int | float):
@@ -176,7 +189,7 @@ def _flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         yield prefix, value
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for k, inner in enumerate(value if isinstance(value, list) else value.flat, 1):
-            yield from _flat(f"{prefix}({k})", inner, depth + 1)
+            yield from flat(f"{prefix}({k})", inner, depth + 1)
 
 
 def _seconds(values: np.ndarray) -> np.ndarray:
@@ -189,6 +202,7 @@ def _recordings(
     arrays: list[tuple[str, np.ndarray]],
     what: str,
     otherwise: str,
+    texts: Mapping[str, str],
     units: Mapping[str, str],
     names: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Recording]:
@@ -196,7 +210,9 @@ def _recordings(
     rate = None
     numbers = {k: float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1}
     own_rates = {k: r for k, x in numbers.items() if (r := stated_rate([f"{_leaf(k)} = {x!r}"]))}
-    starts = {k: x for k, x in numbers.items() if STARTS.fullmatch(_leaf(k)) and "." in k and abs(x) < LATEST_S}
+    starts = {k: x for k, x in numbers.items() if STARTS.fullmatch(_leaf(k)) and "." in k}
+    starts = {k: x for k, x in starts.items() if abs(x) < LATEST_S or YEARS_S[0] < x < YEARS_S[1]}
+    began = x if (x := min(starts.values(), default=0.0)) > LATEST_S else None
     vectors = [k for k, v in arrays if np.size(v) > 1]
     rates = list(own_rates.values())
     if len({round(np.log(x), 9) for x in rates}) == 1:
@@ -211,6 +227,7 @@ def _recordings(
         if values.ndim == 1:
             alone = sum(k.partition(".")[0] == name.partition(".")[0] for k in vectors) == 1
             own, start = (_beside(x, name, group, alone) for x in (own_rates, starts))
+            start = start and start - (began or 0.0)
             called = names.get(name) or name
             channels.append(channel(called, units.get(name, ""), values, own or rate, start, group))
         elif values.ndim == 2:
@@ -220,8 +237,10 @@ def _recordings(
     kept = [c for c in channels if c is not None]
     if not kept:
         raise CampaignError(f"{file}: no signals of 16 samples or more in it: {otherwise}")
-    said = not_applied(f"{k} = {x:g}" for k, x in numbers.items() if k not in starts)
-    return [replace(x, warnings=said) for x in _parts(file, kept, what)]
+    said = not_applied(
+        [*(f"{k} = {x:g}" for k, x in numbers.items() if k not in starts), *map(" = ".join, texts.items())]
+    )
+    return [replace(x, warnings=said, began_s=began) for x in _parts(file, kept, what)]
 
 
 def _beside(numbers: Mapping[str, Said], name: str, group: str, alone: bool) -> Said | None:

@@ -11,11 +11,12 @@ from bayes_iwan.arrays import Array
 
 _DATE = r"\d{1,4}[-./ ](?:\d{1,2}|[A-Za-z]{3})[-./ ]\d{1,4}"
 _TIME = r"\d{1,2}:\d{1,2}(?::\d{1,2})?(?:[.,:]\d+)?(?: ?[AaPp]\.?[Mm]\.?)?"
-STAMP = re.compile(rf"(?:{_DATE})?(?:[ T,]+)?(?:{_TIME})?(?:Z|[+-]\d\d:?\d\d)?(?<=\w\w|\w\.)")
+_ZONE = r"(?:Z|[+-]\d\d:?\d\d| (?:UTC|GMT))?"
+STAMP = re.compile(rf"(?:{_DATE})?(?:[ T,]+)?(?:{_TIME})?{_ZONE}(?<=\w\w|\w\.)")
 _DATE_ONLY = re.compile(_DATE)
 _PARTS = (
     rf"^(?:(?P<date>{_DATE})[ T,]+)?(?P<a>\d{{1,2}}):(?P<b>\d{{1,2}})(?::(?P<c>\d{{1,2}}))?(?:[.,:](?P<f>\d+))?"
-    r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?:Z|[+-]\d\d:?\d\d)?$"
+    r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?" + _ZONE + "$"
 )
 _MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
 #: 20240301 115958.123, 20240301T115958
@@ -23,6 +24,7 @@ _COMPACT = re.compile(r"^(\d{4})(\d\d)(\d\d)[ T_-](\d\d)(\d\d)(\d\d)(?!\d)")
 _SPELT = r"\1-\2-\3 \4:\5:\6"
 _DAYS = re.compile(r"^\d+ days? |^\d+\.(?=\d\d:\d\d:)")  # 0 days 00:00:01.5; that midnight passed shows anyway
 _DAY_S = 86_400.0
+_DAY_0 = datetime.date(1970, 1, 1).toordinal()
 
 
 def is_stamp(cell: str) -> bool:
@@ -36,8 +38,9 @@ def is_date(cell: str) -> bool:
     return bool(_DATE_ONLY.fullmatch(cell.strip()))
 
 
-def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[Array, str] | None:
-    """(n,) seconds from the first stamp, with what was done to them ("" for nothing); None for what is no time of day.
+def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[Array, str, float] | None:
+    """(n,) seconds from the first stamp, what was done to them ("" for nothing), and the first stamp in seconds since
+    1970, or since midnight where there is no date; None for what is no time of day.
 
     dates : a column of dates beside a column of times.
     """
@@ -66,10 +69,10 @@ def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[A
         out, wrap = 3600.0 * a + 60.0 * b + c + fraction, _DAY_S
     days = _days(dates if dates is not None else parts["date"].tolist())
     if days is not None:
-        return (days - days[0]) * _DAY_S + (out - out[0]), said
+        return (days - days[0]) * _DAY_S + (out - out[0]), said, (days[0] - _DAY_0) * _DAY_S + out[0]
     wraps = [wrap] if wrap < _DAY_S else [_DAY_S, _DAY_S / 2]
     out, note = unwrapped(out, wraps)
-    return out - out[0], "; ".join(x for x in (said, note) if x)
+    return out - out[0], "; ".join(x for x in (said, note) if x), float(out[0])
 
 
 def unwrapped(values: Array, wraps: Sequence[float]) -> tuple[Array, str]:

@@ -31,9 +31,9 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
             f"{source.name}: {k} = {v}"
             for _, source in sources
             for k, v in source.properties.items()
-            if "Scale[" not in k
+            if "Scale[" not in k and not k.startswith("wf_")
         )
-        clock = _starts([source.properties for _, source in sources])
+        clock, began = _starts([source.properties for _, source in sources])
         groups: dict[str, list[Channel]] = {}
         for (group, source), start in zip(sources, clock):
             step = source.properties.get("wf_increment")
@@ -46,13 +46,16 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
         raise CampaignError(f"{file}: cannot be read as TDMS ({shown(str(error))}); copy or export it again") from None
     alone = len(groups) == 1
     return [
-        Recording(file, "" if alone else name, tuple(c), (f"TDMS, group {name!r}" if alone else "TDMS",), stated, cut)
+        Recording(
+            file, "" if alone else name, tuple(c), (f"TDMS, group {name!r}" if alone else "TDMS",), stated, cut, began
+        )
         for name, c in groups.items()
     ]
 
 
-def _starts(properties: list[Mapping[str, Any]]) -> list[float | None]:
-    """Seconds from the earliest start of all waveforms to each one's; None where it states none."""
+def _starts(properties: list[Mapping[str, Any]]) -> tuple[list[float | None], float | None]:
+    """Seconds from the earliest start of all waveforms to each one's, None where it states none, and that start since
+    1970."""
     stamps = [np.datetime64(p["wf_start_time"], "ns") if "wf_start_time" in p else None for p in properties]
     known = [s for s in stamps if s is not None and not np.isnat(s)]
     first: Any = min(known) if known else None
@@ -63,4 +66,4 @@ def _starts(properties: list[Mapping[str, Any]]) -> list[float | None]:
             out.append(float((stamp - first) / np.timedelta64(1, "ns")) * 1e-9 + offset)
         else:
             out.append(offset if "wf_start_offset" in p and first is None else None)
-    return out
+    return out, None if first is None else float((first - np.datetime64(0, "ns")) / np.timedelta64(1, "ns")) * 1e-9

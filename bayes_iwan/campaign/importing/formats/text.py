@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, stated_rate
+from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, rate_of_step, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.formats.json_text import read_json
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
-from bayes_iwan.campaign.importing.formats.lvm import read_lvm
+from bayes_iwan.campaign.importing.formats.lvm import END_OF_HEADER, read_lvm
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
     MISSING,
@@ -25,6 +26,7 @@ from bayes_iwan.campaign.importing.formats.text_layout import (
     labelled,
     names_and_units,
     range_passed,
+    words_of_roles,
 )
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording
 from bayes_iwan.campaign.importing.unit_texts import contradict, is_unit, role_of, split_name
@@ -39,8 +41,10 @@ SIDE = 0.9  # of a column's cells empty: remarks beside the table, not a signal
 def read_text(path: Path, file: str, layout: Layout) -> list[Recording]:
     """The tables of a text file. Raises CampaignError naming the line and how to fix it."""
     text, encoding = decoded(file, read_bytes(path, file), layout.encoding)
-    if text.startswith("LabVIEW Measurement"):
+    if text.startswith("LabVIEW Measurement") and text.count(END_OF_HEADER) > 1:
         return read_lvm(file, text)
+    if (found := read_json(file, text)) is not None:
+        return found
     return _read(file, plain_rows(text), layout, "", encoding)
 
 
@@ -59,7 +63,10 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     if not names and [style.cells(line)[0] for line in head[first : first + 3]] == ["1", "2", "3"]:
         found = names_and_units(above, style, width - 1)  # R does not head the numbers of its rows
         names, units = (["", *x] if x else x for x in found)
-    if names and is_unit(names[0]) and all(is_unit(x) for x in names):
+    filled = max(k for x in head[first : first + 50] for k, c in enumerate(style.cells(x), 1) if c)
+    if not names and filled < width:  # a separator behind each row and not behind the names
+        names, units = names_and_units(above, style, filled)
+    if names and (all(is_unit(x) for x in names) or all(style.is_number(x) for x in names if x)):
         names = [f"column {k + 1}" for k in range(len(names))]
     said = (
         f"text: {SEPARATORS.get(style.separator, style.separator)}, decimal {style.decimal}, {how}, numbers from line "
@@ -122,9 +129,9 @@ def _without_summary(body: str, style: Style) -> tuple[str, tuple[str, ...]]:
 
 def _without_remarks(body: str) -> tuple[str, tuple[str, ...]]:
     """The body with lines that begin as remarks do made empty, and a word on them."""
-    if not re.search(r"\n[ \t]*(#|//|!)", body):
+    if not re.search(r"\n[ \t]*(#|//|!|%)", body):
         return body, ()
-    body, n = re.subn(r"(?m)^[ \t]*(#(?!IND|N/A|INF|OVER)|//|!).*$", "", body)
+    body, n = re.subn(r"(?m)^[ \t]*(#(?!IND|N/A|INF|OVER)|//|!|%).*$", "", body)
     return body, (f"{n} line(s) of remarks dropped",)
 
 
@@ -206,17 +213,13 @@ def _words(cell: object) -> bool:
 
 def _has_header(body: str, style: Style) -> bool:
     """Whether a line of names stands within the numbers: two texts or more, and no number."""
-    for line in body.split("\n"):
-        if line[:1] and (line[:1] in "0123456789+-.," or line[:1].isspace()) and not line.lstrip()[:1].isalpha():
-            continue
-        if _is_header(style.cells(line), style):
-            return True
-    return False
+    lines = (x for x in body.split("\n") if re.search(r"[^\W\d_]{2}", x))
+    return any(_is_header(style.cells(x), style) for x in lines)
 
 
 def _is_header(cells: list[str], style: Style) -> bool:
     words = [c for c in cells if re.search(r"[^\W\d_]", c)]
-    return len(words) > 1 and not any(style.is_number(c) for c in cells)
+    return len(words) > 1 and (words_of_roles(cells) > 1 or not any(style.is_number(c) for c in cells))
 
 
 def _blocks(file: str, lines: list[str], style: Style, width: int, first: int) -> list[tuple[int, int, list[str]]]:
@@ -274,33 +277,34 @@ def _recording(
             name = labels.get("source", name)
         unit = unit.strip() or units[k] or _unit_of(name, labels, k == numeric[0], k == numeric[-1])
         heading = names[k] + (f" ({units[k]})" if units[k] else "")
-        values, own = table[k].to_numpy(dtype=float), steps.get(k, 0.0)
-        channels[k] = Channel(
-            name or f"column {k + 1}", unit, values, 1 / own if own > 0 else None, starts.get(k), heading=heading
-        )
+        values, own = table[k].to_numpy(dtype=float), rate_of_step(steps[k], above) if k in steps else None
+        channels[k] = Channel(name or f"column {k + 1}", unit, values, own, starts.get(k), heading=heading)
+    began = next((x[2] for k, v in labels.items() if STARTS.fullmatch(k) and "." in v and (x := seconds([v]))), None)
     if not any(role_of(c.unit) == "time" for c in channels.values()):
-        clocks, said = _clocks({k: table[k] for k in used if k not in numeric}, names)
-        channels, notes = channels | clocks, (*notes, *said)
+        clocks, said, first = _clocks({k: table[k] for k in used if k not in numeric}, names)
+        channels, notes, began = channels | clocks, (*notes, *said), first if clocks else began
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
-    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside]))
+    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside]), began)
 
 
 def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:
     """Numbers or stamps of a row above the table, by column: stamps in seconds from the first one."""
     there = {k: c for k, c in enumerate(cells) if c}
     found = {k: x for k, c in there.items() if style.is_number(c) and (x := _number(c, style)) is not None}
-    stamps = seconds(list(there.values())) if there and not found else None
-    return found if stamps is None else {k: float(x) for k, x in zip(there, stamps[0])}
+    if there and not found and (stamps := seconds(list(there.values()))) is not None:
+        return {k: float(x) for k, x in zip(there, stamps[0])}
+    return found if len(found) == len(there) else {}  # not "5, ms": a number and its unit
 
 
-def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...]]:
-    """The times that columns of text hold, by column, all from the first one's first stamp, and what was done to them:
-    times of day, with a column of dates beside them or without."""
+def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, Channel], tuple[str, ...], float]:
+    """The times that columns of text hold, by column, all from the first one's first stamp, what was done to them, and
+    that stamp: times of day, with a column of dates beside them or without."""
     texts = {k: c for k, c in columns.items() if c.dropna().map(lambda x: isinstance(x, str)).all()}
     dated = {k: c for k, c in texts.items() if c.dropna().map(is_date).all()}
     clocks: dict[int, Channel] = {}
     notes: list[str] = []
     origin: tuple[list[str], list[str] | None] | None = None
+    began = 0.0
     for k, column in texts.items():
         if k in dated:
             continue
@@ -315,10 +319,11 @@ def _clocks(columns: dict[int, pd.Series], names: list[str]) -> tuple[dict[int, 
             continue
         time = np.full(len(column), np.nan)
         time[there.to_numpy()] = found[0][1:]
+        began = began if clocks else found[2]
         clocks[k] = Channel(names[k] or "time", "s", time, heading=names[k])
         if found[1]:
             notes.append(f"{names[k] or 'time'}: {found[1]}")
-    return clocks, tuple(notes)
+    return clocks, tuple(notes), began
 
 
 def _labels(lines: Sequence[str]) -> dict[str, str]:

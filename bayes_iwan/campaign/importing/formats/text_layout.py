@@ -9,13 +9,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS
 from bayes_iwan.campaign.importing.formats.stamps import is_stamp
 from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES
 from bayes_iwan.campaign.importing.unit_texts import is_unit, is_volts, role_of
 from bayes_iwan.campaign.recording.records import CampaignError
 
-MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "#N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
+MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
+MISSING += ["#N/A", "#DIV/0!", "#VALUE!", "#NUM!", "#REF!", "#NAME?"]  # Excel's
 #: what recorders write where the range was passed, without the marks (#OVER, <OL>) and the sign around it
 _PASSED = {"∞", "inf", "infinity", "1.#inf", "ol", "ovl", "over", "overrange", "overflow", "overload", "ovfl", "ovld"}
 _PASSED |= {"ovrflw", "saturated", "saturation", "clipped", "clipping"}
@@ -40,8 +42,8 @@ ENCODINGS = (
 NO_TEXT = "no text, and no format that is known by its first bytes; export it as CSV, MAT, TDMS, UFF 58 or Parquet"
 LONGEST_WORD, MOST_WORDS = 40, 200
 #: labels at the head of a row above the table that has a cell for each channel
-_NAMES = re.compile(r"(?:channel|trace|ch|kanal|long|測定ch)[ _-]?(?:names?|名称)|names?", re.IGNORECASE)
-_UNITS = re.compile(r"(?:v|y|ch\w*)?[ _-]?units?|einheit(?:en)?|unit[ée]s?|単位|单位", re.IGNORECASE)
+_NAMES = re.compile(r"(?:channel|trace|ch|kanal|long|測定ch)[ _-]?(?:names?|名称)|names?|waveform", re.IGNORECASE)
+_UNITS = re.compile(r"(?:v|y|ch\w*)?[ _-]?(?:units?|einheit(?:en)?)|unit[ée]s?|単位|单位", re.IGNORECASE)
 _OUTSIDE = re.compile(r",(?![^()\[\]]*[)\]])")  # a comma, and not within brackets
 
 
@@ -220,6 +222,7 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
             f"{file}: no rows of numbers found; say how it is written with --separator, --decimal, --encoding"
         )
     style, first, width = best[2:]
+    first = _with_remarks(cut[style.separator][0], style, first, width)
     if layout.decimal is None and (cell := _may_be_thousands(style, head[first:])):
         other = "," if style.decimal == "." else "."
         raise CampaignError(
@@ -238,6 +241,22 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
     return style, first, width
 
 
+def _with_remarks(rows: list[list[str]], style: Style, first: int, width: int) -> int:
+    """The first row of a table: one with remarks beside its numbers belongs to it, one that is labelled or counts the
+    columns, as pandas does, does not."""
+    places = [[k for k, c in enumerate(cells) if style.is_number(c)] if len(cells) == width else [] for cells in rows]
+    usual = next(x for x in reversed(places) if x)
+    while first and set(usual) <= set(places[first - 1]):
+        first -= 1
+    cells = [rows[first][k] for k in places[first]]
+    counts = len(cells) > 1 and cells in ([str(k + a) for k in range(len(cells))] for a in (0, 1))
+    if counts and any(style.decimal in c for c in rows[first + 1]):
+        first += 1
+    while places[first] == usual and any(x.fullmatch(rows[first][0].strip(" :=")) for x in (STARTS, STEPS)):
+        first += 1
+    return first
+
+
 def _may_be_thousands(style: Style, lines: list[str]) -> str:
     """A number of a column in which a mark stands before three digits, or the number has three at most and no mark."""
     for cells in zip(*(style.cells(line) for line in lines if line.strip())):
@@ -253,10 +272,10 @@ def _may_be_thousands(style: Style, lines: list[str]) -> str:
 def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[str], list[str]]:
     """Names and units of the columns, from the lines above the numbers; empty where there are none."""
     names, units = (labelled(lines, style, width, x) for x in (_NAMES, _UNITS))
-    if any(names) and (any(units) or _words(names)):
+    if any(names) and (any(units) or words_of_roles(names)):
         return names, _bare(units)
     fitting: list[list[str]] = []
-    for line in reversed([line for line in lines if line.strip()]):
+    for line in reversed([line for line in lines if re.search(r"[^\W_]", line)]):
         line = re.sub(r"^\s*(#|//|%|!)\s*", "", line)
         cells = style.cells(line)
         if style.separator == r"\s+" and len(cells) > width == len(spaced := re.split(r"\t|\s{2,}", line.strip())):
@@ -274,7 +293,7 @@ def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[st
     if len(fitting) > 1 and are_units[0]:
         return _filled(fitting[1:]), _bare(fitting[0])
     if len(fitting) > 1 and are_units[1]:  # units above names, or a row of remarks below them
-        return max([fitting[0], *fitting[2:3]], key=_words), _bare(fitting[1])
+        return max([fitting[0], *fitting[2:3]], key=words_of_roles), _bare(fitting[1])
     return _filled(fitting), (fitting[0] if are_units[0] else [])
 
 
@@ -283,7 +302,7 @@ def _filled(rows: Sequence[Sequence[str]]) -> list[str]:
     return [next((row[k] for row in rows if k < len(row) and row[k]), "") for k in range(len(rows[0]))]
 
 
-def _words(cells: Sequence[str]) -> int:
+def words_of_roles(cells: Sequence[str]) -> int:
     """How many cells say by a word what their channels are."""
     return sum(any(named(cell, role) for role in WORDS) for cell in cells)
 

@@ -13,7 +13,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ, cycles_as_time
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
-from bayes_iwan.campaign.importing.channels import NO_TIME, TRANSDUCER, Assigned, assign, matching
+from bayes_iwan.campaign.importing.channels import NO_TIME, Assigned, assign, matching, unit_asked
 from bayes_iwan.campaign.importing.clocks import Series, counted_on, paired, runs
 from bayes_iwan.campaign.importing.defects import (
     coarse_steps,
@@ -29,7 +29,7 @@ from bayes_iwan.campaign.importing.read import expanded, read_file
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.scaling import moments_unit, scaled, times_of
-from bayes_iwan.campaign.importing.unit_texts import ROLES, is_ratio, is_volts, role_of
+from bayes_iwan.campaign.importing.unit_texts import role_of
 from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record, check_time, step_warnings
@@ -68,15 +68,6 @@ class ImportedTest:
     loop: Loop
     said: tuple[str, ...]
 
-    @property
-    def motion(self) -> str:
-        """Name of the motion's column."""
-        return list(self.columns)[-2]
-
-    @property
-    def force(self) -> str:
-        return list(self.columns)[-1]
-
 
 def import_tests(
     files: Sequence[str | os.PathLike[str]],
@@ -112,8 +103,8 @@ def import_tests(
     for test in tests:
         if list(test.columns) != list(first.columns):
             raise CampaignError(
-                f"{test.record.file}: has {test.motion} and {test.force}, {first.record.file} has {first.motion} and "
-                f"{first.force}; a campaign holds one kind of record"
+                f"{test.record.file}: has {' and '.join([*test.columns][-2:])}, {first.record.file} has "
+                f"{' and '.join([*first.columns][-2:])}; a campaign holds one kind of record"
             )
     names = [test.record.file for test in tests]
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -168,9 +159,10 @@ def write_tests(
         if (folder / test.record.file).exists():
             raise CampaignError(f"{folder / test.record.file}: would be written over; name another folder with --out")
     rates = {test.rate_hz for test in tests}
+    *_, motion, force = tests[0].columns
     channels: dict[str, str | float] = {
-        tests[0].motion.partition("_")[0].replace("angle", "displacement"): tests[0].motion,
-        "force": tests[0].force,
+        motion.partition("_")[0].replace("angle", "displacement"): motion,
+        "force": force,
     }
     if not tests[0].record.clock:
         channels["clock"] = "none"
@@ -230,23 +222,10 @@ def _missing(found: Assigned, recording: Recording, recipe: Recipe) -> list[Ques
     """What the recording does not say of the channels that are used."""
     out = []
     for channel, role in ((found.motion, found.role), (found.force, "force")):
-        unit = recipe.units.get(role, channel.unit)
-        if role not in recipe.units and unit == "MN" and found.motion.unit in ("MM", "UM", "IN"):
+        if role not in recipe.units and channel.unit == "MN" and found.motion.unit in ("MM", "UM", "IN"):
             text = f"{channel.name!r} states MN among units in capitals: meganewtons or millinewtons?"
             out.append(Question("--unit", role, "mN", text))
-        if role in recipe.sensitivities or role_of(unit) == role:
-            continue
-        text = f"{channel.name!r} ({role}) is in {unit}"
-        if not unit:
-            text = f"{channel.name!r} ({role}) states no unit ({', '.join(ROLES[role])} or another)."
-            out.append(Question("--unit", role, "UNIT", text))
-        elif is_volts(unit) and "/" in unit:
-            out.append(Question("--unit", role, "50 N", f"{text}, a bridge's ratio: what load is 1 {unit}?"))
-        elif is_ratio(unit):
-            text += f", a ratio and no {role}: say the length that it is of (50 mm for samples in mm/mm, gauge 50 mm)."
-            out.append(Question("--unit", role, "50 mm", text))
-        elif is_volts(unit):
-            out.append(Question("--sensitivity", role, TRANSDUCER[role], f"{text}: of what transducer?"))
+        out += unit_asked([channel], role, recipe)
     return out + _rate_missing(recording, recipe, found)
 
 
@@ -269,7 +248,7 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
                 step = float(np.median(steps))
                 if (steps >= 1.0).all() and (steps == np.rint(steps)).all():
                     return [Question("--unit", "time", "ms", _WHOLE.format(time.name, step))]
-                if 0 < step < SHORTEST_STEP_S or re.search(r"[\[({<]\s*[^\W\d]", time.name):
+                if 0 < step < SHORTEST_STEP_S or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name):
                     return [Question("--unit", "time", "ms", _UNKNOWN.format(time.name, step))]
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
                 return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
