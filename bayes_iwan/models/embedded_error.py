@@ -54,15 +54,16 @@ class DeviatingSlipForce:
 
     def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
         tables, top, _ = self.table_and_slopes(parameter_values)
-        return tables[0], top
+        return np.ascontiguousarray(tables[:, 0]), top
 
     def table_and_slopes(self, parameter_values: ParameterValues) -> tuple[Array, Array, Array]:
-        """The table and what it changes by for each c_k, (1 + deviations, draws, cells, 4), its top (draws,), and
+        """The table and what it changes by for each c_k, (draws, 1 + deviations, cells, 4), its top (draws,), and
         :func:`.series.linear_deviations`' ratios."""
         table, top = self.base.table(parameter_values)
         tables, ratio = series.linear_deviations(table, top, SLIP_TERMS)
-        for slope, name in zip(tables[1:], SLIP_NAMES):
-            tables[0] += parameter_values[name][:, None, None] * slope
+        c = _coefficients(parameter_values)
+        if np.any(c != 0.0):
+            tables[:, 0] += np.einsum("dk,dkij->dij", c, tables[:, 1:])
         return tables, top, ratio
 
     def possible(self, parameter_values: ParameterValues) -> Array:

@@ -148,14 +148,14 @@ class Model(Simulator):
         self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()
     ) -> Array:
         """Friction force of the elements in N, (draws, loops, samples), of a specimen moved exactly so."""
-        return self._parts(parameter_values, motion, np.zeros(len(parameter_values["kp_N_mm"])), effects)[0][0]
+        return self._parts(parameter_values, motion, np.zeros(len(parameter_values["kp_N_mm"])), effects)[0][:, 0]
 
     def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()) -> Array:
         """Friction, Eq. (3), and parallel spring, N, (draws, loops, samples)."""
-        return self._parts(parameter_values, motion, parameter_values["kp_N_mm"], effects)[0][0]
+        return self._parts(parameter_values, motion, parameter_values["kp_N_mm"], effects)[0][:, 0]
 
     def force_and_slopes(self, parameter_values: ParameterValues, motion: Motion) -> tuple[Array, Array]:
-        """The force and its derivatives by the slip forces' deviations, N, (1 + deviations, draws, loops, samples), and
+        """The force and its derivatives by the slip forces' deviations, N, (draws, 1 + deviations, loops, samples), and
         the deviations' ratios (draws, deviations), which :func:`bayes_iwan.models.series.least_factor` takes.
 
         The force is linear in these (:mod:`bayes_iwan.models.embedded_error`), so the derivatives hold at any distance.
@@ -173,14 +173,14 @@ class Model(Simulator):
         self, parameter_values: ParameterValues, motion: Motion, parallel: Array, effects: Sequence[Modifier] = (),
         slopes: bool = False,
     ) -> tuple[Array, Array]:  # fmt: skip
-        """Friction + parallel·u, parallel (draws,) in N/mm, and its derivatives: (1 or 1 + deviations, draws, loops,
+        """Friction + parallel·u, parallel (draws,) in N/mm, and its derivatives: (draws, 1 or 1 + deviations, loops,
         samples); and the deviations' ratios.
 
         A draw's result does not depend on how the draws are parted among threads.
         """
         family = self.slip_family
         each = len(embedded_error.SLIP_NAMES) if slopes else 0
-        out = np.empty((1 + each, len(parallel), motion.loops, motion.samples))
+        out = np.empty((len(parallel), 1 + each, motion.loops, motion.samples))
         ratio = np.zeros((len(parallel), each))
 
         def some_draws(part: slice) -> None:
@@ -205,13 +205,11 @@ class Model(Simulator):
                 table, top = family.table(some)
                 for effect in effects:
                     table = effect.slip_table(table, top, some)
-                tables = table[None]
+                tables = np.ascontiguousarray(table)[:, None]
             displacement_mm = np.ascontiguousarray(moved.displacement_mm)
-            found = np.empty((len(out), *alpha.shape))
             sliders.friction(
-                displacement_mm, moved.slope_mm, alpha, k, asymmetry, moved.periodic, tables, top, parallel[part], found
+                displacement_mm, moved.slope_mm, alpha, k, asymmetry, moved.periodic, tables, top, parallel[part], out[part]
             )
-            out[:, part] = found
 
         over_draws(some_draws, len(parallel), motion.loops * motion.samples)
         return out, ratio

@@ -92,6 +92,11 @@ def parallel_spring(scales: Scales) -> Parameter:
     return Parameter("kp_N_mm", "kp", "N/mm", "stiffness of the parallel spring", prior)
 
 
+def slip_form_names(model: Model, s: Scales) -> frozenset[str]:
+    """Sampled parameters of the slip forces' form, but for their mean."""
+    return frozenset(p.name for p in _slip_parameters(slip_force.FAMILIES[model.slip], s)[1:])
+
+
 def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
     """The sampled parameters of a base model with default priors (effects bring their own)."""
     contact = _lognormal(scales.stiff_N_mm, STIFFNESS_SD)

@@ -115,8 +115,8 @@ def _deviating_tables(
 
 
 @_jit
-def _linear_tables(tables, top, width, out, ratio):
-    """Tables of the deviations b_k into out (1 + order, draws, cells, 4), by Simpson's rule, the table itself first;
+def _linear_tables(tables: Array, top: Array, width: Array, out: Array, ratio: Array) -> None:
+    """Tables of the deviations b_k into out (draws, 1 + order, cells, 4), by Simpson's rule, the table itself first;
     and r_k into ratio (draws, order).
 
     ∫ π_k over (p, 1) is (P_{k−1}(x) − P_{k+1}(x)) / (2 √(2k + 1)), x = 2p − 1, by Legendre's recurrence.
@@ -127,7 +127,7 @@ def _linear_tables(tables, top, width, out, ratio):
     x, former, own = np.empty(places), np.empty(places), np.empty(places)
     beyond, mean = np.empty((order + 1, places)), np.empty(order + 1)
     for d in range(draws):
-        out[0, d] = tables[d]
+        out[d, 0] = tables[d]
         for j in range(cells):
             per_h = 1.0 / (width[j] * top[d])
             c1, c2, c3 = tables[d, j, 1] * per_h, 2.0 * tables[d, j, 2] * per_h, 3.0 * tables[d, j, 3] * per_h
@@ -154,9 +154,9 @@ def _linear_tables(tables, top, width, out, ratio):
                 h = width[j] * top[d]
                 start, middle, end = own[2 * j], own[2 * j + 1], own[2 * j + 2]
                 rise = h * (start + 4.0 * middle + end) / 6.0
-                out[1 + k, d, j, 0], out[1 + k, d, j, 1] = limited, h * start
-                out[1 + k, d, j, 2] = 3.0 * rise - h * (2.0 * start + end)
-                out[1 + k, d, j, 3] = h * (start + end) - 2.0 * rise
+                out[d, 1 + k, j, 0], out[d, 1 + k, j, 1] = limited, h * start
+                out[d, 1 + k, j, 2] = 3.0 * rise - h * (2.0 * start + end)
+                out[d, 1 + k, j, 3] = h * (start + end) - 2.0 * rise
                 limited += rise
 
 
@@ -185,10 +185,11 @@ def linear_deviations(tables: Array, top: Array, order: int) -> tuple[Array, Arr
     """Tables of b_k(F) times the density, k = 1 … order, b_k = π_{k+1} − r_k π_1 with r_k such that the mean stays.
 
     tables : (draws, cells, 4), top : (draws,) N, from a slip-force family's `table`. Returns the table itself and
-    these, (1 + order, draws, cells, 4), with the same top, and r (draws, order). The table plus Σ c_k of the others is
+    these, (draws, 1 + order, cells, 4), with the same top, and r (draws, order). The table plus Σ c_k of the others is
     that of the density times 1 + Σ c_k b_k(F).
     """
-    out, ratio = np.empty((1 + order, *tables.shape)), np.empty((len(tables), order))
+    draws, *cells = tables.shape
+    out, ratio = np.empty((draws, 1 + order, *cells)), np.empty((draws, order))
     _linear_tables(tables, top, cell_width(tables.shape[1]), out, ratio)
     return out, ratio
 

@@ -22,12 +22,14 @@ class Density:
     conditional density, whenever a walker is offered a place.
 
     function : (x (n, walked), random) → (n, 1 + drawn): ln p with the drawn coordinates integrated out, −∞ where
-    impossible, and a draw of these. walked, drawn : their places among all coordinates.
+    impossible, and a draw of these. walked, drawn : their places among all coordinates. blocks : places among the
+    walked, those first that others bend with.
     """
 
     function: Callable[[Array, np.random.RandomState], Array]
     walked: NDArray[np.int64]
     drawn: NDArray[np.int64]
+    blocks: tuple[NDArray[np.int64], ...]
 
     @property
     def ndim(self) -> int:

@@ -3,8 +3,10 @@
 For any user of emcee who has draws of a posterior, x (n, ndim), however few: each of these is a function that
 `emcee.moves.MHMove` takes, so that walkers stay independent of each other::
 
-    moves = [(MHMove(Mixture.fitted(x, 4, random)), 0.5), (MHMove(Differences(x)), 0.3), (MHMove(Snooker(x)), 0.2)]
+    moves = [(MHMove(Differences(x)), 0.6), (MHMove(Snooker(x)), 0.4)]
     sampler = emcee.EnsembleSampler(n_walkers, ndim, log_prob, moves=moves)
+
+or all of them, in coordinates in which the draws are nearly standard normal: :func:`learnt_moves`.
 
 They return new places and the logarithm of q(back) / q(forth), by which a step is accepted together with the ratio of
 the posterior.
@@ -12,37 +14,50 @@ the posterior.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from emcee.moves import MHMove
+from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.sampling.straightening import Straightened, Straightening
 
 #: degrees of freedom of the mixture: tails heavier than the posterior's keep a walker from being stuck in them
 _NU = 12.0
 #: steps of expectation and maximisation, and the share of the whole covariance that each component's has at least: with
 #: few draws in many dimensions its own is too narrow somewhere
-_STEPS, _WHOLE = 40, 0.05
+_STEPS, _WHOLE = 25, 0.05
 #: lengths of steps along a difference over the usual one, at least; steps along the whole difference, which lead from
 #: mode to mode, have a share of their own
 _SHORTEST, _WHOLE_STEPS = 0.1, 0.1
+#: shares of the coordinates that a difference moves, each as often
+_MOVED = 1 / 3, 2 / 3, 1.0
 _SNOOKER = 1.7  # factor of the projected difference
+#: components of the first block's mixture; the others are straightened by it
+_COMPONENTS = 24
+#: of steps that are independent proposals, along differences, and snooker's
+_SHARES = 0.5, 0.3, 0.2
 
 
 @dataclass(frozen=True)
 class Differences:
     """Steps along the difference of two known draws (n, ndim): differential evolution with a frozen archive (ter Braak
-    & Vrugt, Stat. Comput. 18, 2008, 435), of many lengths, which serves curved posteriors."""
+    & Vrugt, Stat. Comput. 18, 2008, 435), of many lengths and in some of the coordinates (Vrugt et al., Int. J. Nonlinear
+    Sci. Numer. Simul. 10, 2009, 273), which serves curved posteriors."""
 
     known: Array
 
     def __call__(self, x: Array, random: np.random.RandomState) -> tuple[Array, Array]:
         n, ndim = x.shape
         first, second = _two(len(self.known), n, random)
-        length = 2.38 / np.sqrt(2.0 * ndim) * np.exp(np.log(_SHORTEST) * random.random_sample(n))
+        moved = random.random_sample((n, ndim)) < np.asarray(_MOVED)[random.randint(len(_MOVED), size=n), None]
+        moved[np.arange(n), random.randint(ndim, size=n)] = True
+        length = 2.38 / np.sqrt(2.0 * moved.sum(axis=1)) * np.exp(np.log(_SHORTEST) * random.random_sample(n))
         length = np.where(random.random_sample(n) < _WHOLE_STEPS, 1.0, length)
-        return x + length[:, None] * (self.known[first] - self.known[second]), np.zeros(n)
+        return x + length[:, None] * moved * (self.known[first] - self.known[second]), np.zeros(n)
 
 
 @dataclass(frozen=True)
@@ -105,10 +120,6 @@ class Mixture:
                 scales[k] = (1.0 - _WHOLE) * (apart.T * share[:, k]) @ apart / count[k] + _WHOLE * np.eye(ndim)
         return cls(weights, x.mean(axis=0) + centres @ root.T, root @ np.linalg.cholesky(scales))
 
-    def __call__(self, x: Array, random: np.random.RandomState) -> tuple[Array, Array]:
-        new = self.draw(len(x), random)
-        return new, self.log_density(x) - self.log_density(new)
-
     def draw(self, n: int, random: np.random.RandomState) -> Array:
         """(n, ndim)"""
         which = random.choice(len(self.weights), size=n, p=self.weights)
@@ -130,3 +141,34 @@ def _log_terms(x: Array, weights: Array, centres: Array, roots: Array, nu: float
         return np.asarray(np.log(weights) - scale - 0.5 * ndim * np.log(2.0 * np.pi) - 0.5 * square)
     norm = gammaln(0.5 * (nu + ndim)) - gammaln(0.5 * nu) - 0.5 * ndim * np.log(nu * np.pi)
     return np.asarray(np.log(weights) - scale + norm - 0.5 * (nu + ndim) * np.log1p(square / nu))
+
+
+@dataclass(frozen=True)
+class Independent:
+    """Independent proposals for some coordinates: each mixture for those in its places."""
+
+    parts: Sequence[tuple[NDArray[np.int64], Mixture]]
+
+    def __call__(self, x: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        new, factor = x.copy(), np.zeros(len(x))
+        for places, mixture in self.parts:
+            new[:, places] = mixture.draw(len(x), random)
+            factor += mixture.log_density(x[:, places]) - mixture.log_density(new[:, places])
+        return new, factor
+
+
+def learnt_moves(
+    x: Array, blocks: Sequence[NDArray[np.int64]], random: np.random.RandomState
+) -> list[tuple[MHMove, float]]:
+    """Moves with their weights from draws x (n, ndim): independent proposals of all coordinates and of each block,
+    steps along differences and snooker's, all of them in straight coordinates.
+
+    blocks : places of the coordinates, those first that others bend with, each in one of them.
+    """
+    straightening = Straightening.fitted(x, blocks)
+    u = straightening.straight(x)
+    parts = [(p, Mixture.fitted(u[:, p], 1 if k else _COMPONENTS, random)) for k, p in enumerate(blocks)]
+    independent = [parts] * (len(parts) > 1) + [[part] for part in parts]
+    proposals = [(Independent(p), _SHARES[0] / len(independent)) for p in independent]
+    proposals += [(Differences(u), _SHARES[1]), (Snooker(u), _SHARES[2])]
+    return [(MHMove(Straightened(straightening, p)), share) for p, share in proposals]

@@ -1,9 +1,9 @@
 """Sampling a posterior with emcee until it has converged: one run, whatever the posterior.
 
-A pilot brings the walkers to the posterior: they move by differences of draws that are known so far, first of the
-normal approximation about the optima, then more and more of their own, and by independent proposals from a mixture that
-is fitted to these. Then all is frozen, and only draws from then on count. No walker ever knows of another one that
-production moves, so they are as many chains.
+Walkers move by proposals that are learnt from draws (:mod:`bayes_iwan.sampling.proposals`): at first from those of the
+normal approximation about the optima, then from the later half of the walkers' own, whenever these are half as many
+again and those since are not half of what is asked. Draws count from the last time on. No walker ever knows of another
+one that production moves, so they are as many chains.
 
 Walkers advance in blocks of steps, each with random numbers of its own that follow from the seed, so draws are the same
 wherever a block is computed. Block by block they go into a checkpoint; a run that goes on from it draws the very same.
@@ -11,6 +11,7 @@ wherever a block is computed. Block by block they go into a checkpoint; a run th
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from concurrent.futures import Executor
@@ -18,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from emcee.moves import MHMove
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -29,18 +29,18 @@ from bayes_iwan.sampling.chains import Chains, Stop
 from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, Snapshot, not_ours
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
 from bayes_iwan.sampling.plan import Plan, SamplingError
-from bayes_iwan.sampling.proposals import Differences, Mixture, Snooker
+from bayes_iwan.sampling.proposals import learnt_moves
 
-STAGE = "production"
+STAGE = "draws"
 BLOCK = 25  # steps between two commits
 _TOGETHER = 32  # walkers that advance together: calls of few rows cost more each
-#: blocks of the pilot; after each the moves are learnt anew from the later half of all draws
-_PILOT = 40
-_COMPONENTS, _LEARNT = 4, 4000  # of the mixture, and the draws that moves know at most
+_LEARNT = 10_000  # draws that moves are learnt from at most
+_AGAIN = 1.5  # times the draws before moves are learnt anew
+_LOOKED_AT = 800  # steps at most that convergence is told from, evenly thinned
 _SCATTER = 0.7  # of the pilot's starts about an optimum, in posterior standard deviations
-#: of steps that are independent proposals, along differences, and snooker's
-_SHARES = 0.5, 0.3, 0.2
 FIRST_CHECK = 100
+#: times the draws at which to look next, at least and at most: where they would be enough by those so far
+_MORE = 1.15, 2.0
 
 
 def sample(
@@ -82,7 +82,7 @@ def sample(
 
 
 class EnsembleRun:
-    """All walkers, their moves, and how many blocks of steps they have taken."""
+    """All walkers, their moves, and what they have drawn."""
 
     def __init__(
         self, density: Density, starts: Array, root: Array, plan: Plan, n_ensembles: int, n_walkers: int,
@@ -95,8 +95,22 @@ class EnsembleRun:
             raise SamplingError(f"starts have shape {starts.shape}; it must be (members, {density.ndim})")
         self.n_ensembles, self.walkers = n_ensembles, n_walkers
         self._starts, self._root = starts[:, density.walked], root[density.walked]
-        self.blocks = 0
         self._began = time.monotonic()
+        #: of every block: z (steps, all walkers, ndim), ln p (steps, all walkers), further quantities
+        self.z: list[Array] = []
+        self.log_prob: list[Array] = []
+        self.other: list[Array] = []
+        self.learnt = 0  # blocks after which the moves were learnt; draws since then count
+        self.look = FIRST_CHECK  # counted steps at which to look whether the run has converged
+
+    @property
+    def blocks(self) -> int:
+        return len(self.z)
+
+    @property
+    def steps(self) -> int:
+        """That count."""
+        return BLOCK * (self.blocks - self.learnt) if self.blocks > self.plan.pilot else 0
 
     @property
     def late(self) -> bool:
@@ -104,42 +118,36 @@ class EnsembleRun:
         return budget is not None and time.monotonic() - self._began > budget
 
     def _random(self, stream: int) -> np.random.RandomState:
-        """Random numbers of the pilot."""
+        """Random numbers of starts and of learning."""
         return generator((self.plan.seed, 35, stream))
 
-    def _learn(self, known: Array, stream: int) -> None:
-        """Moves from draws (n, walked); they travel once to each process."""
-        random = self._random(stream)
-        self.known = known[random.permutation(len(known))[:_LEARNT]]
-        self._use(Mixture.fitted(self.known, _COMPONENTS, random))
-
-    def _use(self, mixture: Mixture) -> None:
-        proposals = mixture, Differences(self.known), Snooker(self.known)
-        self.mixture, moves = mixture, [(MHMove(p), share) for p, share in zip(proposals, _SHARES)]
+    def _learn(self) -> None:
+        """Moves from what is known; they travel once to each process."""
+        random = self._random(2 + self.learnt)
+        if self.learnt:
+            known = np.concatenate(self.z[self.learnt // 2 : self.learnt])[..., self.density.walked]
+            known = known.reshape(-1, known.shape[-1])
+            known = known[random.permutation(len(known))[:_LEARNT]]
+        else:
+            known = self._scattered(_LEARNT, self._random(1))
+        moves = learnt_moves(known, self.density.blocks, random)
         self._rounds = Rounds(self._executor, (self.density, moves, BLOCK))
 
-    def block(self) -> Places:
+    def block(self) -> None:
         """Some steps of all walkers."""
         pieces = [
             (self.at.some(slice(first, first + _TOGETHER)), (self.plan.seed, 34, self.blocks, first))
             for first in range(0, len(self.at.x), _TOGETHER)
         ]
         ends = list(self._rounds.results(pieces, advanced))
-        self.accepted = np.mean([accepted for _, accepted in ends])
         out = Places(*(np.concatenate([getattr(e, f) for e, _ in ends], axis=1) for f in ("x", "drawn", "log_prob")))
         self.at = Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
-        self.blocks += 1
-        return out
+        self._keep(self.density.whole(out.x, out.drawn), out.log_prob)
 
-    def pilot(self, bar: tqdm[object]) -> None:
-        """Bring the walkers to the posterior and learn their moves."""
-        self.at = self._started()
-        recent = [self._scattered(_LEARNT, self._random(1))]
-        for stage in range(_PILOT):
-            self._learn(np.concatenate(recent[len(recent) // 2 :]), 2 + stage)
-            recent.append(self.block().x.reshape(-1, self.at.x.shape[1]))
-            bar.update(BLOCK)
-        self._learn(np.concatenate(recent[len(recent) // 2 :]), 2 + _PILOT)
+    def _keep(self, z: Array, log_prob: Array) -> None:
+        self.z.append(z)
+        self.log_prob.append(log_prob)
+        self.other.append(self.plan.evaluated(z))
 
     def _scattered(self, n: int, random: np.random.RandomState, scatter: float = 1.0) -> Array:
         """(n, walked) about the starts, as the normal approximation at the first one is."""
@@ -165,14 +173,18 @@ class EnsembleRun:
             left, scatter = left[~np.isfinite(found[:, 0])], 0.7 * scatter
         return out
 
-    def by_ensemble(self, x: Array) -> Array:
-        """(ensembles, steps, walkers, …) of (steps, all walkers, …)"""
-        return np.moveaxis(x.reshape(len(x), self.n_ensembles, self.walkers, *x.shape[2:]), 0, 1)
+    def counted(self, blocks: list[Array]) -> Array:
+        """(ensembles, steps, walkers, …) of the blocks that count."""
+        width = blocks[0].shape[2:] if blocks else ()
+        some = blocks[self.learnt :] if self.steps else []
+        x = np.concatenate([np.empty((0, self.n_ensembles * self.walkers, *width)), *some])
+        return np.moveaxis(x.reshape(len(x), self.n_ensembles, self.walkers, *width), 0, 1)
 
-    def convergence(self, z: Array, other: Array) -> Convergence:
-        """Of draws (steps, all walkers, …) and further quantities of them."""
-        draws = self.by_ensemble(np.concatenate([z, other], axis=2))
-        return convergence_of(draws, self.plan.every_name, independent=True)
+    def convergence(self) -> Convergence:
+        """Of the draws that count and further quantities of them."""
+        draws = np.concatenate([self.counted(self.z), self.counted(self.other)], axis=3)
+        thin = -(-self.steps // _LOOKED_AT)
+        return convergence_of(draws[:, ::thin], self.plan.every_name, thin, independent=True)
 
     def chains(self) -> Chains:
         """The whole run."""
@@ -181,64 +193,48 @@ class EnsembleRun:
             raise CheckpointError(
                 f"{plan.checkpoint}: a checkpoint exists already; resume it, delete it, or name another folder"
             )
-        stamp = {**plan.fingerprint, "seed": str(plan.seed), "ensembles": str(self.n_ensembles)}
         file: Checkpoint | None = None
         stop: Stop | None = None
         said, short, result = "", "no draws yet", None
-        n = self.n_ensembles * self.walkers
-        z, log_prob = np.empty((0, n, self.density.ndim)), np.empty((0, n))
         with tqdm(disable=plan.quiet, unit="step") as bar:
             try:
-                if plan.resumed is not None:
-                    file, found = Checkpoint.resume(plan.resumed, stamp, plan.names, (STAGE,))
-                    self._restored(found, plan.resumed)
-                    z, log_prob = found.draws[STAGE], found.log_prob[STAGE]
-                else:
-                    bar.set_description("pilot")
-                    self.pilot(bar)
-                    if plan.checkpoint is not None:
-                        file = Checkpoint.create(plan.checkpoint, stamp, plan.names, {STAGE: n}, self.state())
-                other = plan.evaluated(z)
-                bar.set_description("sampling")
-                next_check = FIRST_CHECK
-                while next_check <= len(z) - BLOCK:  # where an uninterrupted run would have looked
-                    next_check = int(1.15 * next_check)
+                file = self._opened()
                 while stop is None:
-                    steps = len(z)
-                    planned, late = steps >= next_check, self.late
-                    if steps >= 16 and (planned or late or steps >= plan.max_steps):
-                        result = self.convergence(z, other)
+                    again, late = self._again(), self.late
+                    if self.steps >= 16 and (self.steps >= self.look or again or late or self.steps >= plan.max_steps):
+                        result = self.convergence()
                         short = plan.shortfall(result)
-                        while next_check <= steps:
-                            next_check = int(1.15 * next_check)
+                        more = np.clip(plan.target_ess / result.least_ess, *_MORE) if short else 1.0
+                        self.look = int(more * self.steps)
                         bar.set_postfix_str(
                             f"R-hat {result.worst_r_hat:.3f}, ESS {result.least_ess:.0f}, tau {result.worst_tau:.0f}"
                         )
-                        stop, said = plan.ended(short, steps, late)
+                        stop, said = plan.ended(short, self.steps, late)
                     if stop is None:
-                        done = self.block()
-                        new = self.density.whole(done.x, done.drawn)
+                        if again and (self.steps == 0 or not self._near(result)):
+                            self.learnt, self.look = self.blocks, FIRST_CHECK
+                            self._learn()
+                        self.block()
                         if file is not None:
-                            file.append(STAGE, new, done.log_prob)
+                            file.append(STAGE, self.z[-1], self.log_prob[-1])
                             file.commit(self.state())
-                        z, log_prob = np.concatenate([z, new]), np.concatenate([log_prob, done.log_prob])
-                        other = np.concatenate([other, plan.evaluated(new)])
+                        bar.set_description("sampling" if self.steps else "pilot")
                         bar.update(BLOCK)
             except KeyboardInterrupt:
-                stop, said = Stop.INTERRUPTED, "interrupted" if len(z) else "interrupted before any draw counts"
+                stop, said = Stop.INTERRUPTED, "interrupted" if self.steps else "interrupted before any draw counts"
             finally:
                 if file is not None:
                     file.close()
-        if stop is Stop.INTERRUPTED and len(z) >= 16:
-            result = self.convergence(z, other)
+        if stop is Stop.INTERRUPTED and self.steps >= 16:
+            result = self.convergence()
             short = plan.shortfall(result)
         return Chains(
             names=plan.names,
             quantity_names=plan.quantity_names,
-            draws=self.by_ensemble(z),
-            log_prob=self.by_ensemble(log_prob),
-            quantities=self.by_ensemble(plan.evaluated(z)),
-            n_steps=len(z),
+            draws=self.counted(self.z),
+            log_prob=self.counted(self.log_prob),
+            quantities=self.counted(self.other),
+            n_steps=self.steps,
             convergence=result,
             converged=not short,
             message=said if not short else f"not converged: {said}; {short}",
@@ -248,26 +244,50 @@ class EnsembleRun:
             independent=True,
         )
 
+    def _again(self) -> bool:
+        """Are there so many more draws than the moves were learnt from?"""
+        return self.blocks == max(1, self.learnt + 1, math.ceil(_AGAIN * self.learnt))
+
+    def _near(self, result: Convergence | None) -> bool:
+        """Would as many draws again be enough?"""
+        return result is not None and 2.0 * result.least_ess >= self.plan.target_ess
+
+    def _opened(self) -> Checkpoint | None:
+        """The checkpoint, where there is one, and the walkers where it leaves them, else at their starts."""
+        plan, stages = self.plan, {STAGE: self.n_ensembles * self.walkers}
+        stamp = {**plan.fingerprint, "seed": str(plan.seed), "ensembles": str(self.n_ensembles)}
+        if plan.resumed is not None:
+            file, found = Checkpoint.resume(plan.resumed, stamp, plan.names, (STAGE,))
+            self._restored(found, plan.resumed)
+        else:
+            self.at = self._started()
+            file = None
+            if plan.checkpoint is not None:
+                file = Checkpoint.create(plan.checkpoint, stamp, plan.names, stages, self.state())
+        self._learn()
+        return file
+
     def state(self) -> dict[str, NDArray[Any]]:
         """What the run goes on from."""
         own = {name: getattr(self.at, name) for name in ("x", "drawn", "log_prob")}
-        learnt = {name: getattr(self.mixture, name) for name in ("weights", "centres", "roots")}
-        return own | learnt | {"known": self.known, "blocks": np.array(self.blocks)}
+        return own | {"starts": self._starts, "learnt": np.array(self.learnt), "look": np.array(self.look)}
 
     def _restored(self, found: Snapshot, path: Path) -> None:
         """Be as an earlier run was."""
         state: Mapping[str, NDArray[Any]] = found.state
         try:
             self.at = Places(*(np.asarray(state[name], float).copy() for name in ("x", "drawn", "log_prob")))
-            self.blocks, n = int(state["blocks"]), len(self.at.x)
-            d, k = len(self.density.walked), len(state["weights"])
-            shapes = [self.at.x.shape, self.at.drawn.shape, self.at.log_prob.shape, found.draws[STAGE].shape[1:]]
-            shapes += [state["centres"].shape, state["roots"].shape]
-            if shapes != [(n, d), (n, self.density.ndim - d), (n,), (n, self.density.ndim), (k, d), (k, d, d)]:
+            self._starts = np.asarray(state["starts"], float)
+            self.learnt, self.look = int(state["learnt"]), int(state["look"])
+            n, d, z = len(self.at.x), len(self.density.walked), found.draws[STAGE]
+            shapes = [self.at.x.shape, self.at.drawn.shape, self.at.log_prob.shape, z.shape[1:]]
+            if shapes != [(n, d), (n, self.density.ndim - d), (n,), (n, self.density.ndim)]:
                 raise ValueError(f"arrays of shapes {shapes}")
-            if n != self.n_ensembles * self.walkers or not np.isfinite(self.at.x).all():
-                raise ValueError(f"{n} walkers")
-            self.known = np.asarray(state["known"], float).reshape(-1, d)
-            self._use(Mixture(*(np.asarray(state[name], float) for name in ("weights", "centres", "roots"))))
-        except (KeyError, ValueError, TypeError, IndexError, np.linalg.LinAlgError) as error:
+            if n != self.n_ensembles * self.walkers or not np.isfinite(self.at.x).all() or len(z) % BLOCK:
+                raise ValueError(f"{n} walkers, {len(z)} steps")
+            if self._starts.shape[1:] != (d,) or not 0 <= self.learnt * BLOCK <= len(z):
+                raise ValueError(f"learnt after {self.learnt} blocks from {self._starts.shape}")
+        except (KeyError, ValueError, TypeError, IndexError) as error:
             raise not_ours(path, error) from None
+        for first in range(0, len(z), BLOCK):
+            self._keep(z[first : first + BLOCK], found.log_prob[STAGE][first : first + BLOCK])

@@ -75,8 +75,9 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
     root = np.eye(target.ndim) * _HELD_SD
     root[:-2, :-2] = np.linalg.cholesky(fit.covariance)
     every = np.arange(target.ndim)
+    blocks = (every[:-2], every[-2:])
     chains = sample(
-        Density(target.as_asked, every, every[:0]),
+        Density(target.as_asked, every, every[:0], blocks),
         starts[np.argsort(-target(starts))],
         root,
         Plan(target.names, seed, budget_s=BUDGET_S, progress=False),

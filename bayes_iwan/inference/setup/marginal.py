@@ -22,6 +22,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import SLIP_NAMES
+from bayes_iwan.models.iwan_parameters import slip_form_names
 from bayes_iwan.models.parameter import Z_LIMIT
 from bayes_iwan.models.series import least_factor
 
@@ -48,6 +49,16 @@ class Marginal:
         """Places in z of the others."""
         return np.setdiff1d(np.arange(self.problem.ndim), self.drawn)
 
+    @cached_property
+    def blocks(self) -> tuple[NDArray[np.int64], ...]:
+        """Places among those walked in: numbers of the slip forces' form, with which the others bend; the others of
+        the simulator and the effects; the likelihood's."""
+        p, names = self.problem, [self.problem.names[i] for i in self.walked]
+        form = slip_form_names(p.model, p.scales) if isinstance(p.model, Model) else ()
+        noise = {q.name for q in p.likelihood.parameters}
+        which = np.array([0 if n in form else 2 if n in noise else 1 for n in names])
+        return tuple(np.flatnonzero(which == k) for k in range(3) if np.any(which == k))
+
     def __call__(self, x: Array, random: np.random.RandomState) -> Array:
         """ln of the posterior at x (n, walked), and the deviations' z drawn given x: (n, 1 + drawn)."""
         z = np.zeros((len(x), self.problem.ndim))
@@ -63,11 +74,13 @@ class Marginal:
         return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], z[:, self.drawn]], axis=1)
 
     @cached_property
-    def _scale(self) -> tuple[list[int], Array]:
+    def _scale(self) -> tuple[slice | list[int], Array]:
         """Which of the deviations are drawn, and their priors' standard deviations."""
         p = self.problem
         names = [p.names[i] for i in self.drawn]
-        return [0, *(1 + SLIP_NAMES.index(n) for n in names)], np.array([p.prior[n].prior.std() for n in names])
+        chosen = [0, *(1 + SLIP_NAMES.index(n) for n in names)]
+        every = chosen == list(range(1 + len(SLIP_NAMES)))
+        return slice(None) if every else chosen, np.array([p.prior[n].prior.std() for n in names])
 
     def _integrated(self, z: Array) -> tuple[Array, Array, Array, Array]:
         """At z (n, ndim) with deviations 0: ln of the integral (n,); the mean (n, drawn) of their conditional density,
@@ -76,14 +89,14 @@ class Marginal:
         values, count = p.parameter_values(z), len(scale)
         with np.errstate(all="ignore"):
             each, ratio = p.residual_and_slopes(values)
-            level = p.prior.log_density(z) + p.likelihood.log_likelihood(each[0], values)
-            repeated = {q.name: np.tile(values[q.name], count + 1) for q in p.likelihood.parameters}
-            rows = p.likelihood.rows(each[chosen].reshape(-1, *each.shape[2:]), repeated).reshape(count + 1, len(z), -1)
-        sound = np.isfinite(level) & np.isfinite(rows).all(axis=(0, 2))
-        rows[:, ~sound] = 0.0
-        h = rows[1:].transpose(1, 0, 2) * -scale[:, None]
+            level = p.prior.log_density(z) + p.likelihood.log_likelihood(each[:, 0], values)
+            repeated = {q.name: np.repeat(values[q.name], count + 1) for q in p.likelihood.parameters}
+            rows = p.likelihood.rows(each[:, chosen].reshape(-1, *each.shape[2:]), repeated).reshape(len(z), count + 1, -1)
+        sound = np.isfinite(level) & np.isfinite(rows).all(axis=(1, 2))
+        rows[~sound] = 0.0
+        h = rows[:, 1:] * scale[:, None]
         root = np.linalg.cholesky(np.eye(count) + h @ h.transpose(0, 2, 1))
-        y = np.linalg.solve(root, h @ rows[0][:, :, None])
+        y = np.linalg.solve(root, h @ rows[:, 0, :, None])
         level += 0.5 * np.sum(y[:, :, 0] ** 2, axis=1) - np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
         mean = np.linalg.solve(root.transpose(0, 2, 1), y)[:, :, 0]
         return np.where(sound, level, -np.inf), mean, root, ratio

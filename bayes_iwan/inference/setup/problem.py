@@ -133,11 +133,10 @@ class Problem:
         return self.measured_N - self.predict(z)
 
     def residual_and_slopes(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
-        """Measured − predicted and its derivatives by the slip forces' deviations, (1 + deviations, draws, tests,
-        samples), N, of the Iwan model without effects; and the deviations' ratios."""
+        """Measured − predicted, and the prediction's derivatives by the slip forces' deviations, (draws,
+        1 + deviations, tests, samples), N, of the Iwan model without effects; and the deviations' ratios."""
         out, ratio = self.model.force_and_slopes(parameter_values, self.motion)  # type: ignore[attr-defined]
-        np.negative(out, out=out)
-        out[0] += self.measured_N - parameter_values[FORCE_ZERO][:, None, None]
+        out[:, 0] = self.measured_N - out[:, 0] - parameter_values[FORCE_ZERO][:, None, None]
         return out, ratio
 
     def possible(self, z: Array) -> Array:

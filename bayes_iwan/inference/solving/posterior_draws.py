@@ -59,7 +59,7 @@ def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> C
     )
     marginal = Marginal(problem)
     return sample(
-        Density(marginal, marginal.walked, marginal.drawn),
+        Density(marginal, marginal.walked, marginal.drawn, marginal.blocks),
         optima,
         laplace_scale(problem, optima[0]),
         plan,

@@ -412,16 +412,16 @@ def friction(u, slope, alpha, k, asymmetry, closed, tables, phi_top, parallel, o
     u, slope : (1 or draws, loops, samples), mm and mm a sample, the latter NaN where it is not known; between samples
         α, k and, but for its turning points, u are taken as monotone.
     alpha, k : (draws, loops, samples); relative normal force and stiffness in N/mm.
-    out : (tables, draws, loops, samples), N; the spring is added to the first.
+    out : (draws, tables, loops, samples), N; the spring is added to the first.
     asymmetry : (draws,) in (−1, 1); an element slips at αφ(1 + asymmetry) where u rises, αφ(1 − asymmetry) where it
         falls.
     closed : the loops repeat themselves, else they are records from rest at u = 0. What a cycle does to an element is
         a composition of clips, so a clip, so idempotent: one run-in reaches the steady state, on few samples
         (:func:`_run_in`).
-    tables : (tables, draws, cells, 4), phi_top : (draws,), from :mod:`bayes_iwan.models.slip_force`.
+    tables : (draws, tables, cells, 4), phi_top : (draws,), from :mod:`bayes_iwan.models.slip_force`.
     parallel : (draws,) stiffness in N/mm of a spring beside it; zeros for friction alone.
     """
-    each, draws, loops, samples = out.shape
+    draws, each, loops, samples = out.shape
     cells, first = tables.shape[2], 2 * samples + 16
     longest = 2 * first + 32
     longest += (88 - longest) % 512  # rows a multiple of 4096 bytes apart would get into each other's way
@@ -437,7 +437,7 @@ def friction(u, slope, alpha, k, asymmetry, closed, tables, phi_top, parallel, o
     nodes, beyond = np.empty((2 * MAX_PIECES * longest, 3)), np.empty(2 * MAX_PIECES * longest)
     for d in range(draws):
         for i in range(each):
-            _in_a_row(tables[i, d], shift, rows[i])
+            _in_a_row(tables[d, i], shift, rows[i])
         scale = 1.0 / phi_top[d]
         for j in range(loops):
             if d < u.shape[0]:  # one motion for all draws, or one each
@@ -460,7 +460,7 @@ def friction(u, slope, alpha, k, asymmetry, closed, tables, phi_top, parallel, o
                 for t in range(1, turns[j, 0] + 2):
                     e = turns[j, t]
                     for s in range(np.uint64(0), np.uint64(e - begin)):
-                        out[i, d, j, np.uint64(c) + s] = force[np.uint64(begin) + s]
+                        out[d, i, j, np.uint64(c) + s] = force[np.uint64(begin) + s]
                     c += e - begin
                     begin = e + 1
 
