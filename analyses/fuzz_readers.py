@@ -13,6 +13,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+from bayes_iwan.sampling.moves.metropolis import LeastSquares
+from bayes_iwan.sampling.nuisance import Nuisance
 
 import mutations
 from bayes_iwan.campaign import Record, average, read_campaign, write_campaign
@@ -31,8 +33,6 @@ from bayes_iwan.report.batch.batch_run import stored_specimen
 from bayes_iwan.report.batch.specimens import Batch, populations
 from bayes_iwan.sampling import checkpoint
 from bayes_iwan.sampling import run as sampling_run
-from bayes_iwan.sampling.moves.metropolis import LeastSquares
-from bayes_iwan.sampling.nuisance import Nuisance
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.withheld import scoring
 from bayes_iwan.withheld import sealed as withheld

@@ -26,23 +26,24 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
 from threadpoolctl import threadpool_limits
-from tqdm.auto import tqdm
 
 from bayes_iwan.campaign import average, read_campaign
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.setup.likelihood import KINDS
+from bayes_iwan.inference.setup.marginal import Marginal
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings, SearchSettings
 from bayes_iwan.inference.solving.point import Point, find_point, near_optima
-from bayes_iwan.inference.solving.posterior_draws import Run, least_squares_of, sampled
-from bayes_iwan.sampling.blocks import Piece, Schedule, advanced
-from bayes_iwan.sampling.plan import Plan
-from bayes_iwan.sampling.run import EnsembleRun
+from bayes_iwan.inference.solving.posterior_draws import QUICK, Run, sampled
+from bayes_iwan.sampling.blocks import Density, Places, advanced, generator
+from bayes_iwan.sampling.proposals import learnt_moves
 from runs import each
 
 #: draws of each posterior among which the truth is ranked: ranks 0 to 63 make equal bins
 RANKED = 63
+#: steps from the truth to the hub, and from there on
+STEPS = 60
 SAMPLES, HARMONICS = 33, 16
 WATCHED = (
     *(
@@ -74,7 +75,7 @@ def short_posterior(
     """(draws, ndim) of the posterior from the package's own sampling, started at the optima of its own search."""
     began = time.process_time()
     with threadpool_limits(limits=1, user_api="blas"):
-        chains = sampled(problem, point, settings, Run(seed))
+        chains = sampled(problem, near_optima(point.optima, point.optima_log_prob), settings, Run(seed))
     draws = chains.draws.reshape(-1, problem.ndim)
     c = chains.convergence
     told = {
@@ -95,25 +96,28 @@ def found_point(problem: Problem, seed: int) -> Point:
 def from_truth(problem: Problem, truth: np.ndarray, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
     """RANKED places (RANKED, ndim) that are exchangeable with the truth (1, ndim) where all is right.
 
-    The pilot fits the moves by the data alone, from the optima that the search finds; then they are frozen. From
-    the truth some steps lead to a hub, in the reversed order, for each kind of step is reversible by itself; from there
-    as many lead each of RANKED walkers on.
+    The moves are learnt from the data alone, from the optima that the search finds; then they are frozen. From the truth
+    some steps lead to a hub, for a step is a reversible one that is chosen at random; from there as many lead each of
+    RANKED walkers on.
     """
     began = time.process_time()
     point = found_point(problem, seed)
-    near = near_optima(point.optima, point.optima_log_prob)
-    target, plan = least_squares_of(problem, near[0]), Plan(tuple(problem.names), seed, progress=False)
-    run = EnsembleRun(problem.log_prob, target, near, plan, 4, 40, None)
+    marginal = Marginal(problem)
+    density = Density(marginal, marginal.walked, marginal.drawn, marginal.blocks)
+    with threadpool_limits(limits=1, user_api="blas"):
+        optima = near_optima(point.optima, point.optima_log_prob)
+        found = sampled(problem, optima, replace(SamplingSettings(), **QUICK), Run(seed))
+        random = generator((seed, 37))
+        known = found.draws.reshape(-1, problem.ndim)[:, marginal.walked]
+        moves = learnt_moves(known[random.permutation(len(known))[:4000]], marginal.blocks, random)
 
-    def led(z: np.ndarray, schedule: Schedule, stream: int) -> tuple[np.ndarray, tuple[float, ...]]:
-        ends = advanced((problem.log_prob, schedule), Piece(z, problem.log_prob(z), (seed, 36, stream)))
-        return ends.z[-1], ends.accepted
+        def led(x: np.ndarray, stream: int) -> tuple[Places, float]:
+            at = density(x, random)
+            return advanced((density, moves, STEPS), (Places(x, at[:, 1:], at[:, 0]), (seed, 36, stream)))
 
-    with threadpool_limits(limits=1, user_api="blas"), tqdm(disable=True) as bar:
-        run.pilot(bar)
-        hub, _ = led(truth, run.schedule[::-1], 0)
-        z, accepted = led(np.repeat(hub, RANKED, axis=0), run.schedule, 1)
-    return z, {"accepted": accepted, "cpu_s": time.process_time() - began}
+        hub, _ = led(truth[:, marginal.walked], 0)
+        ends, accepted = led(np.repeat(hub.x[-1], RANKED, axis=0), 1)
+    return density.whole(ends.x[-1], ends.drawn[-1]), {"accepted": accepted, "cpu_s": time.process_time() - began}
 
 
 def even(draws: np.ndarray, n: int) -> np.ndarray:

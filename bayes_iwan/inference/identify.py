@@ -244,7 +244,6 @@ def _posterior(
         z=z,
         log_prob=problem.log_prob(z.reshape(-1, ndim)).reshape(z.shape[:2]),
         walkers=walkers,
-        independent=chains.independent,
         thin=every,
         converged=chains.converged and not quick,
         message="quick: the first draws, whether they have converged is not known" if quick else chains.message,

@@ -12,6 +12,7 @@ force was off by as much.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.models import series
@@ -66,7 +67,7 @@ class DeviatingSlipForce:
             tables[:, 0] += np.einsum("dk,dkij->dij", c, tables[:, 1:])
         return tables, top, ratio
 
-    def possible(self, parameter_values: ParameterValues) -> Array:
+    def possible(self, parameter_values: ParameterValues) -> NDArray[np.bool_]:
         """(draws,): is the density nowhere negative?"""
         ratio = self.table_and_slopes(parameter_values)[2]
         return series.least_factor(_coefficients(parameter_values), ratio) >= 0.0

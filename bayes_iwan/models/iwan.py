@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.models import embedded_error, iwan_parameters, normal_force, slip_force, stiffness
@@ -162,7 +163,7 @@ class Model(Simulator):
         """
         return self._parts(parameter_values, motion, parameter_values["kp_N_mm"], slopes=True)
 
-    def possible(self, parameter_values: ParameterValues) -> Array:
+    def possible(self, parameter_values: ParameterValues) -> NDArray[np.bool_]:
         """(draws,): is the slip forces' density nowhere negative?"""
         family = self.slip_family
         if isinstance(family, embedded_error.DeviatingSlipForce):
@@ -208,7 +209,16 @@ class Model(Simulator):
                 tables = np.ascontiguousarray(table)[:, None]
             displacement_mm = np.ascontiguousarray(moved.displacement_mm)
             sliders.friction(
-                displacement_mm, moved.slope_mm, alpha, k, asymmetry, moved.periodic, tables, top, parallel[part], out[part]
+                displacement_mm,
+                moved.slope_mm,
+                alpha,
+                k,
+                asymmetry,
+                moved.periodic,
+                tables,
+                top,
+                parallel[part],
+                out[part],
             )
 
         over_draws(some_draws, len(parallel), motion.loops * motion.samples)

@@ -44,9 +44,7 @@ class Density:
             raise SamplingError(f"log_prob(z) returned shape {found.shape} for {len(x)} places; it must be {wanted}")
         wrong = np.isnan(found[:, 0]) | np.isposinf(found[:, 0])
         if wrong.any():
-            raise SamplingError(
-                f"log_prob is NaN or +inf at z = {np.array2string(x[wrong][0])}; it must be -inf there"
-            )
+            raise SamplingError(f"log_prob is NaN or +inf at z = {np.array2string(x[wrong][0])}; it must be -inf there")
         return found
 
     def whole(self, x: Array, drawn: Array) -> Array:

@@ -26,8 +26,7 @@ class Chains:
     draws[e, i, w] is walker w of ensemble e after step i + 1 of production. quantities are what the caller's
     function makes of the same draws. convergence covers names + quantity_names (None if production is too short
     to say anything). converged says whether all targets were met; message says why the run ended and, if not
-    converged, what is short of its target; stop is that reason alone. independent says that the walkers of an ensemble,
-    too, are independent of each other.
+    converged, what is short of its target; stop is that reason alone.
     """
 
     names: tuple[str, ...]
@@ -42,7 +41,6 @@ class Chains:
     stop: Stop
     seed: int
     seconds: float
-    independent: bool = False
 
     def flat(self, n: int | None = None) -> Array:
         """(n, ndim) draws spread evenly over all ensembles, steps and walkers; all of them by default."""

@@ -1,23 +1,14 @@
-"""Whether ensembles of walkers have converged, and how good their draws are.
+"""Whether walkers have converged, and how good their draws are.
 
-Draws are shaped (ensembles, steps, walkers) or (ensembles, steps, walkers, quantities) throughout. The walkers of
-one ensemble propose from each other and are not independent; the ensembles are. So
+Draws are shaped (ensembles, steps, walkers) or (ensembles, steps, walkers, quantities) throughout. No walker knows of
+another one, so each is a chain of its own. So
 
-- R-hat compares ensembles, never walkers: each half of an ensemble's run, all its walkers together, is one
-  "chain" of the rank-normalised split R-hat (Vehtari et al. 2021, arXiv 1903.08008).
-- the effective sample size follows from the variance of the estimated mean, and that from the series of the
-  ensemble's means over walkers, which is a scalar function of one Markov chain: correlation between walkers
-  is in it. ESS = Var(draws) / Var(mean), with Var(mean) by Stan's estimator over the 2·ensembles half-runs. With
-  one walker an ensemble this is exactly ArviZ's number.
+- R-hat compares ensembles: each half of an ensemble's run, all its walkers together, is one chain of the
+  rank-normalised split R-hat (Vehtari et al. 2021, arXiv 1903.08008), as it is of "superchains" where chains are many
+  and short (Margossian et al. 2024, arXiv 2110.13017).
+- effective sample sizes, bulk and tail, are ArviZ's of every walker's halves.
 - tau, in steps, is emcee's integrated autocorrelation time, of ranks, since a heavy-tailed quantity has none of its
-own: the walkers' autocorrelation functions averaged over all walkers and ensembles, with Sokal's window; or that of the
-ensembles' means (Goodman & Weare 2010), if it is longer. Walkers that change places with others forget where they were
-long before the ensemble does.
-
-Walkers that are independent of each other as well (chains on a manifold) are so many chains. Only R-hat is then of
-ensembles, as it is of "superchains" where chains are many and short (Margossian et al. 2024, arXiv 2110.13017).
-Effective sizes are ArviZ's of every walker's halves, tau is the walkers' alone: far less noisy than what a few
-ensembles' means tell, and it is the least of many numbers' sizes that decides when a run may stop.
+  own: the walkers' autocorrelation functions averaged over all walkers and ensembles, with Sokal's window.
 """
 
 from dataclasses import dataclass
@@ -71,19 +62,15 @@ class Convergence:
         return "; ".join(parts)
 
 
-def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1, independent: bool = False) -> Convergence:
-    """All diagnostics of draws (ensembles, stored steps, walkers, quantities), stored every `thin` steps.
-
-    independent : no walker ever knew of another one.
-    """
+def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1) -> Convergence:
+    """All diagnostics of draws (ensembles, stored steps, walkers, quantities), stored every `thin` steps."""
     x = np.asarray(draws, dtype=float)
     if x.ndim != 4 or x.shape[3] != len(names):
         raise ValueError(f"draws of shape {x.shape} are not (ensembles, steps, walkers, {len(names)})")
-    tau = autocorrelation_time if independent else longest_autocorrelation_time
 
     def assessed(column: Array) -> tuple[float, float, float, float]:
         ranks = rank_normalise(column) if _usable(column) else column
-        return *_ranked(column, independent), ess_tail(apart(column) if independent else column), tau(ranks)
+        return *_ranked(column), ess_tail(column), autocorrelation_time(ranks)
 
     rows = np.array([*alongside(assessed, [x[..., j] for j in range(x.shape[3])])]).reshape(len(names), 4)
     return Convergence(
@@ -96,7 +83,7 @@ def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1, independ
     )
 
 
-def apart(x: Array) -> Array:
+def _apart(x: Array) -> Array:
     """(ensembles·walkers, steps, 1) of x (ensembles, steps, walkers): every walker a chain of its own."""
     return np.moveaxis(x, 2, 1).reshape(-1, x.shape[1], 1)
 
@@ -114,26 +101,21 @@ def ess_bulk(x: Array) -> float:
     return _ranked(x)[1]
 
 
-def _ranked(x: Array, independent: bool = False) -> tuple[float, float]:
+def _ranked(x: Array) -> tuple[float, float]:
     """R-hat and bulk effective sample size: ranking is most of the work of both."""
     halves = _halves(x)
     if not _usable(halves):
         return np.nan, np.nan
     bulk, folded = rank_normalise(halves), rank_normalise(np.abs(halves - np.median(halves)))
-    return max(_r_hat(bulk), _r_hat(folded)), _ess(apart(bulk) if independent else bulk)
+    return max(_r_hat(bulk), _r_hat(folded)), _ess(_apart(bulk))
 
 
 def ess_tail(x: Array) -> float:
     """The lesser effective sample size of the 5 % and 95 % quantiles of x (ensembles, steps, walkers)."""
-    halves = _halves(x)
+    halves = _apart(_halves(x))
     if not _usable(halves):
         return np.nan
     return min(_ess((halves <= q).astype(float)) for q in np.quantile(halves, [0.05, 0.95]))
-
-
-def longest_autocorrelation_time(x: Array) -> float:
-    """The walkers' autocorrelation time or that of the ensembles' means, whichever is longer, in stored steps."""
-    return max(autocorrelation_time(x), autocorrelation_time(x.mean(axis=2, keepdims=True)))
 
 
 def autocorrelation_time(x: Array, window: float = 5.0) -> float:

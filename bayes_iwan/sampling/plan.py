@@ -43,7 +43,7 @@ class Plan:
     checkpoint: Path | None = None
     fingerprint: Mapping[str, str] = field(default_factory=dict)
     resume: bool = False
-    pilot: int = 32
+    pilot: int = 48
     budget_s: float | None = None
     max_steps: int = 200_000
     target_r_hat: float = 1.01

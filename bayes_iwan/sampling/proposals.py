@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.sampling.straightening import Straightened, Straightening
+from bayes_iwan.sampling.straightening import Proposal, Straightened, Straightening
 
 #: degrees of freedom of the mixture: tails heavier than the posterior's keep a walker from being stuck in them
 _NU = 12.0
@@ -45,8 +45,8 @@ _SHARES = 0.5, 0.3, 0.2
 @dataclass(frozen=True)
 class Differences:
     """Steps along the difference of two known draws (n, ndim): differential evolution with a frozen archive (ter Braak
-    & Vrugt, Stat. Comput. 18, 2008, 435), of many lengths and in some of the coordinates (Vrugt et al., Int. J. Nonlinear
-    Sci. Numer. Simul. 10, 2009, 273), which serves curved posteriors."""
+    & Vrugt, Stat. Comput. 18, 2008, 435), of many lengths and in some of the coordinates (Vrugt et al., Int. J.
+    Nonlinear Sci. Numer. Simul. 10, 2009, 273), which serves curved posteriors."""
 
     known: Array
 
@@ -85,9 +85,9 @@ class Snooker:
         return new, factor
 
 
-def _two(of: int, n: int, random: np.random.RandomState) -> tuple[Array, Array]:
+def _two(of: int, n: int, random: np.random.RandomState) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Two different numbers below `of`, n times."""
-    first = random.randint(of, size=n)
+    first = np.asarray(random.randint(of, size=n), np.int64)
     return first, (first + random.randint(1, of, size=n)) % of
 
 
@@ -111,7 +111,7 @@ class Mixture:
         weights, centres = np.full(components, 1.0 / components), unit[random.choice(n, components, replace=False)]
         scales = np.tile(np.eye(ndim), (components, 1, 1))
         for _ in range(_STEPS):
-            level = _log_terms(unit, weights, centres, np.linalg.cholesky(scales), np.inf)
+            level = _log_terms(unit, weights, centres, np.asarray(np.linalg.cholesky(scales)), np.inf)
             share = np.exp(level - logsumexp(level, axis=1, keepdims=True))
             count = share.sum(axis=0) + 1e-9
             weights, centres = count / count.sum(), share.T @ unit / count[:, None]
@@ -169,6 +169,6 @@ def learnt_moves(
     u = straightening.straight(x)
     parts = [(p, Mixture.fitted(u[:, p], 1 if k else _COMPONENTS, random)) for k, p in enumerate(blocks)]
     independent = [parts] * (len(parts) > 1) + [[part] for part in parts]
-    proposals = [(Independent(p), _SHARES[0] / len(independent)) for p in independent]
+    proposals: list[tuple[Proposal, float]] = [(Independent(p), _SHARES[0] / len(independent)) for p in independent]
     proposals += [(Differences(u), _SHARES[1]), (Snooker(u), _SHARES[2])]
     return [(MHMove(Straightened(straightening, p)), share) for p, share in proposals]

@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Rounds
-from bayes_iwan.sampling.blocks import Density, Moves, Places, advanced, generator
+from bayes_iwan.sampling.blocks import Density, Places, advanced, generator
 from bayes_iwan.sampling.chains import Chains, Stop
 from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, Snapshot, not_ours
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
@@ -37,7 +37,7 @@ _TOGETHER = 32  # walkers that advance together: calls of few rows cost more eac
 _LEARNT = 10_000  # draws that moves are learnt from at most
 _AGAIN = 1.5  # times the draws before moves are learnt anew
 _LOOKED_AT = 800  # steps at most that convergence is told from, evenly thinned
-_SCATTER = 0.7  # of the pilot's starts about an optimum, in posterior standard deviations
+_SCATTER = 0.7  # of the's starts about an optimum, in posterior standard deviations
 FIRST_CHECK = 100
 #: times the draws at which to look next, at least and at most: where they would be enough by those so far
 _MORE = 1.15, 2.0
@@ -96,6 +96,7 @@ class EnsembleRun:
         self.n_ensembles, self.walkers = n_ensembles, n_walkers
         self._starts, self._root = starts[:, density.walked], root[density.walked]
         self._began = time.monotonic()
+        self.at: Places
         #: of every block: z (steps, all walkers, ndim), ln p (steps, all walkers), further quantities
         self.z: list[Array] = []
         self.log_prob: list[Array] = []
@@ -184,7 +185,7 @@ class EnsembleRun:
         """Of the draws that count and further quantities of them."""
         draws = np.concatenate([self.counted(self.z), self.counted(self.other)], axis=3)
         thin = -(-self.steps // _LOOKED_AT)
-        return convergence_of(draws[:, ::thin], self.plan.every_name, thin, independent=True)
+        return convergence_of(draws[:, ::thin], self.plan.every_name, thin)
 
     def chains(self) -> Chains:
         """The whole run."""
@@ -241,7 +242,6 @@ class EnsembleRun:
             stop=stop,
             seed=plan.seed,
             seconds=time.monotonic() - self._began,
-            independent=True,
         )
 
     def _again(self) -> bool:

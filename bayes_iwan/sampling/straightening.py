@@ -41,8 +41,8 @@ class Straightening:
             b = np.linalg.solve(terms.T @ terms + ridge, terms.T @ x[:, places])
             left = x[:, places] - terms @ b
             scale = left.T @ left / len(x)
-            root = np.linalg.cholesky(scale + 1e-12 * np.trace(scale) * np.eye(len(places)))
-            out = cls((*out.blocks, places), (*out.coefficients, b), (*out.roots, root))
+            root = np.asarray(np.linalg.cholesky(scale + 1e-12 * np.trace(scale) * np.eye(len(places))))
+            out = cls((*out.blocks, places), (*out.coefficients, np.asarray(b)), (*out.roots, root))
             u = np.concatenate([u, np.linalg.solve(root, left.T).T], axis=1)
         return out
 

@@ -5,15 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bayes_iwan.inference.solving.jackknife import stretched
+from bayes_iwan.sampling.moves.manifold import Manifold
 
 import bayes_iwan as bi
 from bayes_iwan.inference import identify
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.inference.solving.jackknife import stretched
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.inference.solving.posterior_draws import approximate_draws, least_squares_of
-from bayes_iwan.sampling.moves.manifold import Manifold
 
 SIMPLE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
 

@@ -6,7 +6,6 @@ import pickle
 import emcee
 import numpy as np
 import pytest
-
 from bayes_iwan.sampling.moves import DifferentialMove, ManifoldMove, NestedMove, SnookerMove
 from bayes_iwan.sampling.moves.manifold import Manifold
 from bayes_iwan.sampling.moves.metropolis import LeastSquares

@@ -11,13 +11,13 @@ import time
 import numba as nb
 import numpy as np
 import pytest
+from bayes_iwan.sampling.moves.metropolis import LeastSquares
+from bayes_iwan.sampling.nuisance import Nuisance
 
 from bayes_iwan.executors import opened
 from bayes_iwan.sampling import checkpoint, run
 from bayes_iwan.sampling.chains import Stop
 from bayes_iwan.sampling.checkpoint import CheckpointError, read_checkpoint
-from bayes_iwan.sampling.moves.metropolis import LeastSquares
-from bayes_iwan.sampling.nuisance import Nuisance
 from bayes_iwan.sampling.plan import Plan, SamplingError
 
 NAMES = ("mean", "log scale")

@@ -54,10 +54,6 @@ class Posterior:
         None for loops that came from no folder.
     simulator_file
         where a user's own simulator came from.
-    independent
-        are the walkers of an ensemble independent of each other, too?
-    stretch
-        factor by which the draws were made wider in the direction in which the tests disagree most.
 
     Examples
     --------
@@ -94,8 +90,6 @@ class Posterior:
     convergence: tuple[ConvergenceRow, ...]
     simulator_file: str = ""
     stop: Stop = Stop.CONVERGED
-    independent: bool = False
-    stretch: float = 1.0
 
     def __repr__(self) -> str:
         return "\n".join((self._title(), *(f"  {row}" for row in self._shown()), *map(wrapped, self.warnings())))
@@ -183,7 +177,7 @@ class Posterior:
     @cached_property
     def held_out(self) -> tuple[HeldOutFrequency, ...]:
         """Each frequency of the fitted tests predicted from all others, and what the bands hold; none for one only."""
-        return held_out_frequencies(self.problem, self.point.optima)
+        return held_out_frequencies(self.problem, self.flat_z(1000))
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """The central interval of a quantity: quantiles of its draws.
@@ -230,7 +224,7 @@ class Posterior:
         """R-hat and effective sizes of every reported quantity, from the draws kept."""
         named = self.quantities()
         draws = np.stack([self.by_steps(q.values) for q in named.values()], axis=3)
-        return convergence_of(draws, tuple(named), thin=self.thin, independent=self.independent)
+        return convergence_of(draws, tuple(named), thin=self.thin)
 
     def summary(self) -> Summary:
         """Mean, spread, quantiles and diagnostics of every reported quantity.

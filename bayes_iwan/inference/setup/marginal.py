@@ -91,7 +91,8 @@ class Marginal:
             each, ratio = p.residual_and_slopes(values)
             level = p.prior.log_density(z) + p.likelihood.log_likelihood(each[:, 0], values)
             repeated = {q.name: np.repeat(values[q.name], count + 1) for q in p.likelihood.parameters}
-            rows = p.likelihood.rows(each[:, chosen].reshape(-1, *each.shape[2:]), repeated).reshape(len(z), count + 1, -1)
+            rows = p.likelihood.rows(each[:, chosen].reshape(-1, *each.shape[2:]), repeated)
+        rows = rows.reshape(len(z), count + 1, -1)
         sound = np.isfinite(level) & np.isfinite(rows).all(axis=(1, 2))
         rows[~sound] = 0.0
         h = rows[:, 1:] * scale[:, None]
@@ -99,4 +100,4 @@ class Marginal:
         y = np.linalg.solve(root, h @ rows[:, 0, :, None])
         level += 0.5 * np.sum(y[:, :, 0] ** 2, axis=1) - np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
         mean = np.linalg.solve(root.transpose(0, 2, 1), y)[:, :, 0]
-        return np.where(sound, level, -np.inf), mean, root, ratio
+        return np.where(sound, level, -np.inf), mean, np.asarray(root), ratio

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.campaign import Loop
@@ -139,7 +140,7 @@ class Problem:
         out[:, 0] = self.measured_N - out[:, 0] - parameter_values[FORCE_ZERO][:, None, None]
         return out, ratio
 
-    def possible(self, z: Array) -> Array:
+    def possible(self, z: Array) -> NDArray[np.bool_]:
         """(draws,): does the model mean something there?"""
         return self.model.possible(self.parameter_values(z))
 

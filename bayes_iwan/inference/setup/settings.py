@@ -97,8 +97,7 @@ class SamplingSettings:
     ensembles
         their number; R-hat compares them.
     walkers
-        of each ensemble where walkers move by each other, at least; twice the sampled parameters and two where that is
-        more. Walkers that are independent of each other are sixteen.
+        of each ensemble; each is a chain of its own.
     budget_s, max_steps
         time (s) and steps after which sampling ends, converged or not.
     r_hat, ess, taus
@@ -106,8 +105,6 @@ class SamplingSettings:
         least, each for every reported quantity that varies.
     draws
         kept in the posterior.
-    between_tests
-        make draws as wide as the tests disagree (:mod:`bayes_iwan.inference.solving.jackknife`).
     """
 
     ensembles: int = 4
@@ -118,7 +115,6 @@ class SamplingSettings:
     ess: float = 400.0
     taus: float = 10.0
     draws: int = 4096
-    between_tests: bool = True
 
     __repr__ = brief
 

@@ -21,9 +21,9 @@ from bayes_iwan.sampling.chains import Chains
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import sample
 
-
-#: settings of a quick run: the pilot and so many steps of all walkers
-QUICK: dict[str, Any] = {"max_steps": 100, "ess": 0.0, "r_hat": float("inf"), "taus": float("inf")}
+#: what is asked of a quick run: it ends with the first draws that count
+QUICK: dict[str, Any] = {"ess": 0.0, "r_hat": float("inf"), "taus": 0.0}
+_SHORT = 12  # blocks of steps that lead from draws of one posterior to those of another
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,20 @@ class Run:
 
 def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> Chains:
     """Draws of a problem's posterior, by walkers that start about its optima (k, ndim), best first."""
+    return _sampled(problem, optima, laplace_scale(problem, optima[0]), _plan(problem, s, run), s, run)
+
+
+def draws_from(problem: Problem, z: Array, count: int, seed: int) -> Array:
+    """(count, ndim) of a problem's posterior, by walkers that start at draws z (n, ndim) of much the same one and walk
+    a short way."""
+    s, run = replace(SamplingSettings(), **QUICK), Run(seed)
+    plan = replace(_plan(problem, s, run), pilot=_SHORT)
+    return _sampled(problem, z, np.zeros((problem.ndim, problem.ndim)), plan, s, run).flat(count)
+
+
+def _plan(problem: Problem, s: SamplingSettings, run: Run) -> Plan:
     names, parameter_values = _unsampled(problem)
-    plan = Plan(
+    return Plan(
         names=tuple(problem.names),
         seed=run.seed,
         quantities=parameter_values,
@@ -57,22 +69,20 @@ def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> C
         chain_taus=s.taus,
         progress=run.progress,
     )
+
+
+def _sampled(problem: Problem, starts: Array, root: Array, plan: Plan, s: SamplingSettings, run: Run) -> Chains:
     marginal = Marginal(problem)
     return sample(
         Density(marginal, marginal.walked, marginal.drawn, marginal.blocks),
-        optima,
-        laplace_scale(problem, optima[0]),
+        starts,
+        root,
         plan,
         n_ensembles=s.ensembles,
         n_walkers=s.walkers,
         # a simulator of the user's own may live in a file that other processes have not read
         executor=run.executor if isinstance(problem.model, Model) and isinstance(run.executor, Processes) else None,
     )
-
-
-def first_draws(problem: Problem, optima: Array, count: int, seed: int) -> Array:
-    """z (count, ndim) of a short run without a checkpoint, which is not asked whether it has converged."""
-    return sampled(problem, optima, replace(SamplingSettings(), **QUICK), Run(seed)).flat(count)
 
 
 def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Array] | None]:

@@ -14,8 +14,8 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.style import decimal_ticks, series, styled, subplots
 from bayes_iwan.sampling.checkpoint import NAME, CheckpointError, read_checkpoint
-from bayes_iwan.sampling.convergence import autocorrelation_time, longest_autocorrelation_time
-from bayes_iwan.sampling.run import STAGE, taus_of_each
+from bayes_iwan.sampling.convergence import autocorrelation_time
+from bayes_iwan.sampling.run import STAGE
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,11 @@ def history(posterior: Posterior, folder: str | os.PathLike[str] | None = None) 
     if path is not None and path.is_file():
         with contextlib.suppress(CheckpointError):  # the posterior stands without the file it was drawn through
             _, names, snapshot = read_checkpoint(path, (STAGE,))
-            draws = snapshot.draws[STAGE]
+            counted = int(posterior.timings.get("steps", 0))
+            draws = snapshot.draws[STAGE][-counted or None :]
             if tuple(names[: posterior.ndim]) == posterior.names and len(draws) >= 4:
                 z = np.moveaxis(draws.reshape(len(draws), ensembles, -1, draws.shape[2]), 0, 1)
-                return History(z, float(posterior.timings.get("steps", len(draws))) / len(draws))
+                return History(z, 1.0)
     z = posterior.z.reshape(ensembles, posterior.walkers, -1, posterior.ndim)
     return History(np.moveaxis(z, 1, 2), float(posterior.thin))
 
@@ -97,10 +98,10 @@ def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
     run = history(posterior) if run is None else run
     stored = run.z.shape[1]
     lengths = np.unique(np.geomspace(max(4, stored // 30), stored, 10).astype(int))
-    time_of, taus = longest_autocorrelation_time, posterior.settings.sampling.taus
-    if posterior.independent:
-        time_of, taus = autocorrelation_time, taus_of_each(taus)
-    tau = run.thin * np.array([[time_of(run.z[:, :n, :, i]) for i in range(posterior.ndim)] for n in lengths])
+    taus = posterior.settings.sampling.taus
+    tau = run.thin * np.array(
+        [[autocorrelation_time(run.z[:, :n, :, i]) for i in range(posterior.ndim)] for n in lengths]
+    )
     steps = run.thin * lengths
     figure, axes = subplots(1, 1, 5.4, 3.0)
     ax = axes[0, 0]
