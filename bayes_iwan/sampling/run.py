@@ -33,6 +33,7 @@ from bayes_iwan.sampling.proposals import learnt_moves
 
 STAGE = "draws"
 BLOCK = 25  # steps between two commits
+PILOT = 48  # blocks before any draw counts, at least
 _TOGETHER = 32  # walkers that advance together: calls of few rows cost more each
 _LEARNT = 10_000  # draws that moves are learnt from at most
 _AGAIN = 1.5  # times the draws before moves are learnt anew
@@ -95,6 +96,7 @@ class EnsembleRun:
             raise SamplingError(f"starts have shape {starts.shape}; it must be (members, {density.ndim})")
         self.n_ensembles, self.walkers = n_ensembles, n_walkers
         self._starts, self._root = starts[:, density.walked], root[density.walked]
+        self._pilot = PILOT if plan.pilot is None else plan.pilot
         self._began = time.monotonic()
         self.at: Places
         #: of every block: z (steps, all walkers, ndim), ln p (steps, all walkers), further quantities
@@ -111,7 +113,7 @@ class EnsembleRun:
     @property
     def steps(self) -> int:
         """That count."""
-        return BLOCK * (self.blocks - self.learnt) if self.blocks > self.plan.pilot else 0
+        return BLOCK * (self.blocks - self.learnt) if self.blocks > self._pilot else 0
 
     @property
     def late(self) -> bool:
