@@ -177,7 +177,7 @@ class Posterior:
     @cached_property
     def held_out(self) -> tuple[HeldOutFrequency, ...]:
         """Each frequency of the fitted tests predicted from all others, and what the bands hold; none for one only."""
-        return held_out_frequencies(self.problem, self.flat_z(1000))
+        return held_out_frequencies(self.problem, self.point.optima)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """The central interval of a quantity: quantiles of its draws.

@@ -23,7 +23,7 @@ from bayes_iwan.sampling.run import sample
 
 #: what is asked of a quick run: it ends with the first draws that count
 QUICK: dict[str, Any] = {"ess": 0.0, "r_hat": float("inf"), "taus": 0.0}
-_SHORT = 12  # blocks of steps that lead from draws of one posterior to those of another
+_SHORT = 12  # blocks of steps before the first draws
 
 
 @dataclass(frozen=True)
@@ -41,15 +41,13 @@ class Run:
 
 def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> Chains:
     """Draws of a problem's posterior, by walkers that start about its optima (k, ndim), best first."""
-    return _sampled(problem, optima, laplace_scale(problem, optima[0]), _plan(problem, s, run), s, run)
+    return _sampled(problem, optima, _plan(problem, s, run), s, run)
 
 
-def draws_from(problem: Problem, z: Array, count: int, seed: int) -> Array:
-    """(count, ndim) of a problem's posterior, by walkers that start at draws z (n, ndim) of much the same one and walk
-    a short way."""
+def first_draws(problem: Problem, optima: Array, count: int, seed: int) -> Array:
+    """z (count, ndim) of a short run without a checkpoint, which is not asked whether it has converged."""
     s, run = replace(SamplingSettings(), **QUICK), Run(seed)
-    plan = replace(_plan(problem, s, run), pilot=_SHORT)
-    return _sampled(problem, z, np.zeros((problem.ndim, problem.ndim)), plan, s, run).flat(count)
+    return _sampled(problem, optima, replace(_plan(problem, s, run), pilot=_SHORT), s, run).flat(count)
 
 
 def _plan(problem: Problem, s: SamplingSettings, run: Run) -> Plan:
@@ -71,12 +69,12 @@ def _plan(problem: Problem, s: SamplingSettings, run: Run) -> Plan:
     )
 
 
-def _sampled(problem: Problem, starts: Array, root: Array, plan: Plan, s: SamplingSettings, run: Run) -> Chains:
+def _sampled(problem: Problem, optima: Array, plan: Plan, s: SamplingSettings, run: Run) -> Chains:
     marginal = Marginal(problem)
     return sample(
         Density(marginal, marginal.walked, marginal.drawn, marginal.blocks),
-        starts,
-        root,
+        optima,
+        laplace_scale(problem, optima[0]),
         plan,
         n_ensembles=s.ensembles,
         n_walkers=s.walkers,
