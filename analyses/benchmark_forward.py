@@ -188,7 +188,7 @@ def run(draws: int, repeats: int, exact: int = EQUAL) -> dict[str, object]:
     alpha = model.alpha(parameter_values, motion)
     k = model.stiffness_law.k(parameter_values, alpha)
     tables, top = model.slip_family.table(parameter_values)
-    out, zero = np.empty_like(alpha), np.zeros(draws)
+    tables, out, zero = tables[:, None], np.empty_like(alpha)[:, None], np.zeros(draws)
     result["stage_ns"] = {
         "alpha": per * best(lambda: model.alpha(parameter_values, motion), repeats),
         "k": per * best(lambda: model.stiffness_law.k(parameter_values, alpha), repeats),

@@ -207,7 +207,8 @@ def elements(device: Device, index: int, error: float) -> tuple[Array, Array]:
         at = low
         corners.append(float(phi[at]))
     corner = np.array(corners)
-    slope = np.append(np.diff(np.interp(corner, phi, value)) / np.diff(corner), 0.0)
+    # where the deviations make the density negative elements would have a negative stiffness
+    slope = np.append(np.minimum.accumulate(np.diff(np.interp(corner, phi, value)) / np.diff(corner)), 0.0)
     share = slope[:-1] - slope[1:]
     return corner[1:], share
 

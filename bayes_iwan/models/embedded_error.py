@@ -12,7 +12,6 @@ force was off by as much.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.models import series
@@ -54,23 +53,18 @@ class DeviatingSlipForce:
         return self.base.units
 
     def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
-        tables, top, _ = self.table_and_slopes(parameter_values)
+        tables, top = self.table_and_slopes(parameter_values)
         return np.ascontiguousarray(tables[:, 0]), top
 
-    def table_and_slopes(self, parameter_values: ParameterValues) -> tuple[Array, Array, Array]:
-        """The table and what it changes by for each c_k, (draws, 1 + deviations, cells, 4), its top (draws,), and
-        :func:`.series.linear_deviations`' ratios."""
+    def table_and_slopes(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
+        """The table and what it changes by for each c_k, (draws, 1 + deviations, cells, 4), and its top
+        (draws,)."""
         table, top = self.base.table(parameter_values)
-        tables, ratio = series.linear_deviations(table, top, SLIP_TERMS)
+        tables = series.linear_deviations(table, top, SLIP_TERMS)
         c = _coefficients(parameter_values)
         if np.any(c != 0.0):
             tables[:, 0] += np.einsum("dk,dkij->dij", c, tables[:, 1:])
-        return tables, top, ratio
-
-    def possible(self, parameter_values: ParameterValues) -> NDArray[np.bool_]:
-        """(draws,): is the density nowhere negative?"""
-        ratio = self.table_and_slopes(parameter_values)[2]
-        return series.least_factor(_coefficients(parameter_values), ratio) >= 0.0
+        return tables, top
 
     def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
         w, cubic, width = self._cells(phi, parameter_values)

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.models import embedded_error, iwan_parameters, normal_force, slip_force, stiffness
@@ -149,40 +148,31 @@ class Model(Simulator):
         self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()
     ) -> Array:
         """Friction force of the elements in N, (draws, loops, samples), of a specimen moved exactly so."""
-        return self._parts(parameter_values, motion, np.zeros(len(parameter_values["kp_N_mm"])), effects)[0][:, 0]
+        return self._parts(parameter_values, motion, np.zeros(len(parameter_values["kp_N_mm"])), effects)[:, 0]
 
     def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()) -> Array:
         """Friction, Eq. (3), and parallel spring, N, (draws, loops, samples)."""
-        return self._parts(parameter_values, motion, parameter_values["kp_N_mm"], effects)[0][:, 0]
+        return self._parts(parameter_values, motion, parameter_values["kp_N_mm"], effects)[:, 0]
 
-    def force_and_slopes(self, parameter_values: ParameterValues, motion: Motion) -> tuple[Array, Array]:
-        """The force and its derivatives by the slip forces' deviations, N, (draws, 1 + deviations, loops, samples), and
-        the deviations' ratios (draws, deviations), which :func:`bayes_iwan.models.series.least_factor` takes.
+    def force_and_slopes(self, parameter_values: ParameterValues, motion: Motion) -> Array:
+        """The force and its derivatives by the slip forces' deviations, N, (draws, 1 + deviations, loops, samples).
 
         The force is linear in these (:mod:`bayes_iwan.models.embedded_error`), so the derivatives hold at any distance.
         """
         return self._parts(parameter_values, motion, parameter_values["kp_N_mm"], slopes=True)
 
-    def possible(self, parameter_values: ParameterValues) -> NDArray[np.bool_]:
-        """(draws,): is the slip forces' density nowhere negative?"""
-        family = self.slip_family
-        if isinstance(family, embedded_error.DeviatingSlipForce):
-            return family.possible(parameter_values)
-        return np.ones(len(parameter_values["kp_N_mm"]), bool)
-
     def _parts(
         self, parameter_values: ParameterValues, motion: Motion, parallel: Array, effects: Sequence[Modifier] = (),
         slopes: bool = False,
-    ) -> tuple[Array, Array]:  # fmt: skip
+    ) -> Array:  # fmt: skip
         """Friction + parallel·u, parallel (draws,) in N/mm, and its derivatives: (draws, 1 or 1 + deviations, loops,
-        samples); and the deviations' ratios.
+        samples).
 
         A draw's result does not depend on how the draws are parted among threads.
         """
         family = self.slip_family
         each = len(embedded_error.SLIP_NAMES) if slopes else 0
         out = np.empty((len(parallel), 1 + each, motion.loops, motion.samples))
-        ratio = np.zeros((len(parallel), each))
 
         def some_draws(part: slice) -> None:
             some = {name: value[part] for name, value in parameter_values.items()}
@@ -201,7 +191,7 @@ class Model(Simulator):
             for effect in effects:
                 asymmetry = asymmetry + effect.asymmetry(some)
             if isinstance(family, embedded_error.DeviatingSlipForce) and slopes:
-                tables, top, ratio[part] = family.table_and_slopes(some)
+                tables, top = family.table_and_slopes(some)
             else:
                 table, top = family.table(some)
                 for effect in effects:
@@ -222,4 +212,4 @@ class Model(Simulator):
             )
 
         over_draws(some_draws, len(parallel), motion.loops * motion.samples)
-        return out, ratio
+        return out

@@ -11,8 +11,8 @@ Aktuarietidskrift 20, 1937, 150). The sliders need only the survival function, w
 same G for all φ, so no quantile is ever inverted.
 
 The first order of the same is multiplied by 1 + Σ c_k b_k(p) (:func:`linear_deviations`): the friction force is linear
-in the density, so it is in these c_k too, which a posterior can then be integrated over in closed form. Only where the
-factor is positive is the product a density.
+in the density, so it is in these c_k too, which a posterior can then be integrated over in closed form.
+Where the factor is negative the product is no density: the family's form is far from the truth there.
 """
 
 import math
@@ -33,8 +33,6 @@ _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"
 #: mean slip force on the median and 2e-4 at most (tests/models/test_embedded.py)
 _P_CELLS = 64
 _GAUSS, _WEIGHTS = legendre.leggauss(3)
-#: places of p at which a density must not be negative
-_PLACES = 129
 
 
 def deviation_basis(order: int, p: Array) -> Array:
@@ -115,15 +113,14 @@ def _deviating_tables(
 
 
 @_jit
-def _linear_tables(tables: Array, top: Array, width: Array, out: Array, ratio: Array) -> None:
-    """Tables of the deviations b_k into out (draws, 1 + order, cells, 4), by Simpson's rule, the table itself first;
-    and r_k into ratio (draws, order).
+def _linear_tables(tables: Array, top: Array, width: Array, out: Array) -> None:
+    """Tables of the deviations b_k into out (draws, 1 + order, cells, 4), by Simpson's rule, the table itself first.
 
     ∫ π_k over (p, 1) is (P_{k−1}(x) − P_{k+1}(x)) / (2 √(2k + 1)), x = 2p − 1, by Legendre's recurrence.
     """
     apart_and_wide()
     draws, cells = tables.shape[:2]
-    order, places = ratio.shape[1], 2 * cells + 1
+    order, places = out.shape[1] - 1, 2 * cells + 1
     x, former, own = np.empty(places), np.empty(places), np.empty(places)
     beyond, mean = np.empty((order + 1, places)), np.empty(order + 1)
     for d in range(draws):
@@ -146,10 +143,9 @@ def _linear_tables(tables: Array, top: Array, width: Array, out: Array, ratio: A
             for j in range(cells):
                 mean[k] += width[j] * (beyond[k, 2 * j] + 4.0 * beyond[k, 2 * j + 1] + beyond[k, 2 * j + 2])
         for k in range(order):
-            ratio[d, k] = mean[k + 1] / mean[0]
-            limited = 0.0
+            ratio, limited = mean[k + 1] / mean[0], 0.0
             for i in range(places):
-                own[i] = beyond[k + 1, i] - ratio[d, k] * beyond[0, i]
+                own[i] = beyond[k + 1, i] - ratio * beyond[0, i]
             for j in range(cells):
                 h = width[j] * top[d]
                 start, middle, end = own[2 * j], own[2 * j + 1], own[2 * j + 2]
@@ -181,30 +177,17 @@ def deviating(tables: Array, top: Array, coefficients: Array) -> Array:
     return out
 
 
-def linear_deviations(tables: Array, top: Array, order: int) -> tuple[Array, Array]:
+def linear_deviations(tables: Array, top: Array, order: int) -> Array:
     """Tables of b_k(F) times the density, k = 1 … order, b_k = π_{k+1} − r_k π_1 with r_k such that the mean stays.
 
     tables : (draws, cells, 4), top : (draws,) N, from a slip-force family's `table`. Returns the table itself and
-    these, (draws, 1 + order, cells, 4), with the same top, and r (draws, order). The table plus Σ c_k of the others is
+    these, (draws, 1 + order, cells, 4), with the same top. The table plus Σ c_k of the others is
     that of the density times 1 + Σ c_k b_k(F).
     """
     draws, *cells = tables.shape
-    out, ratio = np.empty((draws, 1 + order, *cells)), np.empty((draws, order))
-    _linear_tables(tables, top, cell_width(tables.shape[1]), out, ratio)
-    return out, ratio
-
-
-@cache
-def _places_basis(order: int) -> Array:
-    """(order, places) of the basis at places of p."""
-    return deviation_basis(order, np.linspace(0.0, 1.0, _PLACES))
-
-
-def least_factor(coefficients: Array, ratio: Array) -> Array:
-    """The least value (draws,) of 1 + Σ c_k b_k(p) over p; coefficients, ratio : (draws, order)."""
-    basis = _places_basis(coefficients.shape[1] + 1)
-    first = np.sum(coefficients * ratio, axis=1, keepdims=True)
-    return np.min(1.0 + coefficients @ basis[1:] - first * basis[0], axis=1)
+    out = np.empty((draws, 1 + order, *cells))
+    _linear_tables(tables, top, cell_width(tables.shape[1]), out)
+    return out
 
 
 def deviating_stiffness(k: Array, alpha: Array, exponent: Array, growth: Array) -> Array:

@@ -139,10 +139,6 @@ class Simulator(ABC):
         effects : those that act at the stages offered.
         """
 
-    def possible(self, parameter_values: ParameterValues) -> NDArray[np.bool_]:
-        """(draws,): do these values mean something? Where not, the posterior is zero."""
-        return np.ones(len(next(iter(parameter_values.values()))), bool)
-
     def friction_force(
         self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()
     ) -> Array:

@@ -55,7 +55,7 @@ def test_mean_forces_which_drift_are_left_aside(loops):
     """A zero of 2 N, and another of the frequency held out, are seen neither in the prediction nor in what it meets."""
     off = [replace(x, force_N=x.force_N + (2.0 if x.frequency_hz < 15.0 else 5.0)) for x in loops]
     problem = make_problem(off[:2], SETTINGS)
-    force, measured = predicted(problem, optima_of(problem)[0], off[2:], 1)
+    force, measured = predicted(problem, np.tile(optima_of(problem)[0], (400, 1)), off[2:], 1)
     assert force.shape == (400, 2, 64) and np.abs(force.mean(axis=-1)).max() < 1e-9
     assert measured == pytest.approx(np.stack([x.force_N - x.force_N.mean() for x in loops[2:]]))
     middle = np.median(force, axis=0)
@@ -70,7 +70,7 @@ def test_what_the_others_miss_is_carried_over_to_the_frequency_held_out(loops):
     z = problem.prior.scores(values)
     missed = 0.2 * np.cos(2.0 * np.pi * loops[0].phase)
     off = problem.with_force(problem.predict(z)[0] + missed)
-    force, _ = predicted(off, z[0], loops[2:], 1)
+    force, _ = predicted(off, np.tile(z, (400, 1)), loops[2:], 1)
     first = np.fft.rfft(np.median(force, axis=0) - problem.predict(z, motion_of(loops[2:]))[0])[:, 1] / 32.0
     assert np.all(first.real > 0.05)
 

@@ -72,10 +72,10 @@ def branch_force(
 
 def slider_force(truth, u, alpha, k):
     table, top = FAMILIES["uniform"].table(truth.columns(slip_mean_N=LARGEST / 2, slip_width=1.0))
-    out, zero = np.empty((1, 1, len(u))), np.zeros(1)
+    out, zero = np.empty((1, 1, 1, len(u))), np.zeros(1)
     slope = np.full((1, 1, len(u)), np.nan)
-    friction(u[None, None], slope, alpha[None, None], k[None, None], zero, False, table, top, zero, out)
-    return out[0, 0]
+    friction(u[None, None], slope, alpha[None, None], k[None, None], zero, False, table[:, None], top, zero, out)
+    return out[0, 0, 0]
 
 
 def branch(truth, amplitude, alpha_of_u, k_of_alpha, samples=400):

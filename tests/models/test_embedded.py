@@ -8,11 +8,10 @@ from scipy import integrate
 
 from bayes_iwan.models import Model, Reference, embedded_error, series, sine_motion
 from bayes_iwan.models.embedded_error import CORNER_NAME, NAMES, SLIP_NAMES, STIFFNESS_NAME, DeviatingSlipForce
-from bayes_iwan.models.iwan_parameters import SLIP_SD
 from bayes_iwan.models.slip_force import FAMILIES
 
 NUMBERS = {"t1_N": 0.3, "eta1": 0.9, "g1": 0.4, "t2_N": 0.2, "eta2": 5.0, "g2": 0.6}
-SLIP_TERMS = (0.3, -0.25, 0.2, 0.1, -0.15, 0.1, 0.05, -0.08)
+SLIP_TERMS = (0.15, -0.12, 0.1, 0.05, -0.07, 0.05, 0.02, -0.04, 0.02, -0.01, 0.01, -0.02)
 NONE = (0.0,) * len(SLIP_NAMES)
 REFERENCE = Reference(1.0, 0.12566)
 
@@ -40,44 +39,40 @@ def test_every_bend_changes_the_force(name):
     assert 1e-4 < np.sqrt(np.mean(change**2)) < 0.2
 
 
-def test_deviating_density_against_its_definition(density_ratio):
-    """exp(Σ c π(F)) times the family's density, stretched so that the mean stays; survival and density agree."""
+def factor_of(c, base, n, phi):
+    """1 + Σ c_k (π_{k+1} − r_k π_1) at F(φ), r_k such that the mean stays, by sums over a fine grid."""
+    p = 1.0 - base.survival(phi, n)[0]
+    pi = series.deviation_basis(len(c) + 1, p)
+    density = base.density(phi, n)[0]
+    mean = integrate.trapezoid(phi * density * pi, phi, axis=1)
+    return 1.0 + np.array(c) @ (pi[1:] - mean[1:, None] / mean[0] * pi[0])
+
+
+def test_deviating_density_against_its_definition():
+    """1 + Σ c b(F) times the family's density; survival, density and mean agree with it."""
     base, n = FAMILIES["gamma2"], parameter_values(SLIP_TERMS)
     deviating = DeviatingSlipForce(base)
-    phi = np.linspace(0.0, 6.0, 200_001)
-    p = 1.0 - base.survival(phi, n)[0]
-    raw = base.density(phi[1:], n)[0] * density_ratio(np.array([SLIP_TERMS]), p[1:])[0]
-    mean = integrate.trapezoid(phi[1:] * raw, phi[1:])
-    stretch = base.mean(n)[0] / mean
-    below = 1.0 - integrate.cumulative_trapezoid(raw[::-1], -phi[:0:-1], initial=0.0)[::-1]
+    phi = np.geomspace(1e-8, 12.0, 200_001)
+    factor = factor_of(SLIP_TERMS, base, n, phi)
+    raw = base.density(phi, n)[0] * factor
     at = np.linspace(0.02, 4.0, 60)
-    np.testing.assert_allclose(deviating.survival(at, n)[0], np.interp(at / stretch, phi[1:], 1.0 - below), atol=2e-4)
-    np.testing.assert_allclose(
-        deviating.density(at, n)[0], np.interp(at / stretch, phi[1:], raw) / stretch, rtol=0.01, atol=1e-3
-    )
-    fine = np.geomspace(1e-7, 8.0, 40_001)
-    assert integrate.trapezoid(deviating.survival(fine, n)[0], fine) == pytest.approx(deviating.mean(n)[0], rel=1e-3)
+    below = integrate.cumulative_trapezoid(raw, phi, initial=0.0)
+    np.testing.assert_allclose(deviating.survival(at, n)[0], 1.0 - np.interp(at, phi, below), atol=3e-4)
+    np.testing.assert_allclose(deviating.density(at, n)[0], np.interp(at, phi, raw), rtol=0.02, atol=3e-3)
+    assert integrate.trapezoid(deviating.survival(phi, n)[0], phi) == pytest.approx(deviating.mean(n)[0], rel=1e-3)
+    assert deviating.mean(n)[0] == pytest.approx(base.mean(n)[0], rel=1e-12)
     assert deviating.survival(np.array([0.0, 50.0]), n)[0].tolist() == pytest.approx([1.0, 0.0], abs=1e-3)
 
 
-def test_tables_of_deviations_hold_the_mean_force_of_limited_elements():
-    """The table's E[min(φ, x)], from which friction is read, against four times as many cells of p."""
-    rng, n = np.random.default_rng(4), 60
-    g = rng.dirichlet((1.0, 1.0, 1.0), n)
-    drawn = {f"g{i}": g[:, i - 1] for i in (1, 2, 3)}
-    drawn |= {f"t{i}_N": np.exp(rng.normal(-1.0, 0.7, n)) for i in (1, 2, 3)}
-    drawn |= {f"eta{i}": np.exp(rng.normal(0.7, 0.9, n)).clip(0.12, 40.0) for i in (1, 2, 3)}
-    tables, top = FAMILIES["gamma3"].table(drawn)
-    c = rng.standard_normal((n, len(SLIP_NAMES))) * SLIP_SD / np.arange(1, len(SLIP_NAMES) + 1)
-    found = series.deviating_to_mean(tables, top, c)[0][:, :, 0]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(series, "_P_CELLS", 4 * series._P_CELLS)
-        series._cells_basis.cache_clear()
-        fine = series.deviating_to_mean(tables, top, c)[0][:, :, 0]
-    series._cells_basis.cache_clear()
-    off = np.max(np.abs(found - fine), axis=1) / np.max(fine, axis=1)
-    assert np.median(off) < 2e-6
-    assert np.max(off) < 2e-4
+def test_the_force_is_linear_in_the_deviations_and_the_slopes_are_its_derivatives():
+    motion = sine_motion(frequency_hz=12.0, amplitude_mm=[0.4, 1.0])
+    model = Model(REFERENCE, "gamma2", embedded=True)
+    both = model.force_and_slopes(parameter_values(exponent=0.1, corner=0.05), motion)
+    assert both.shape == (1, 1 + len(SLIP_NAMES), 2, 128)
+    found = both[:, 0] + np.einsum("k,dkts->dts", np.array(SLIP_TERMS), both[:, 1:])
+    force = model.force(parameter_values(SLIP_TERMS, 0.1, 0.05), motion)
+    np.testing.assert_allclose(found, force, rtol=1e-9, atol=1e-10)
+    assert np.sqrt(np.mean((force - both[:, 0]) ** 2)) > 0.01
 
 
 def test_the_exponent_leaves_k1_and_bends_the_rest():

@@ -80,9 +80,9 @@ def test_motions_and_factors_that_no_test_would_impose(truth):
         alpha, k = (truth.wild_factor(rng, 64, rng.integers(6)) for _ in range(2))
         forces = []
         for repeats, closed in ((1, True), (3, False)):
-            out, zero = np.empty((1, 1, 64 * repeats)), np.zeros(1)
+            out, zero = np.empty((1, 1, 1, 64 * repeats)), np.zeros(1)
             slope = 0.5 * (np.roll(u, -1) - np.roll(u, 1)) if case % 2 else np.full(64, np.nan)
             series = (np.tile(x, repeats)[None, None] for x in (u, slope, alpha, 3.0 * k))
-            friction(*series, zero + (0.0, 0.3, -0.7)[case % 3], closed, table, top, zero, out)
-            forces.append(out[0, 0])
+            friction(*series, zero + (0.0, 0.3, -0.7)[case % 3], closed, table[:, None], top, zero, out)
+            forces.append(out[0, 0, 0])
         np.testing.assert_allclose(forces[0][:-1], forces[1][64:127], atol=1e-9)

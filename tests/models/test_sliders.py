@@ -8,13 +8,13 @@ from bayes_iwan.models.slip_force import FAMILIES
 
 
 def friction(table, top, u, alpha, k, closed=False, asymmetry=0.0):
-    out = np.empty((1, 1, len(u)))
+    out = np.empty((1, 1, 1, len(u)))
     zero = np.zeros(1)
     slope = np.full((1, 1, len(u)), np.nan)
     sliders.friction(
-        u[None, None], slope, alpha[None, None], k[None, None], zero + asymmetry, closed, table, top, zero, out
+        u[None, None], slope, alpha[None, None], k[None, None], zero + asymmetry, closed, table[:, None], top, zero, out
     )
-    return out[0, 0]
+    return out[0, 0, 0]
 
 
 def nodes(top, start=1e-7, count=3000):

@@ -70,7 +70,8 @@ def _held_out(problem: Problem, optima: Array, left: Sequence[Loop], seed: int) 
     part = replace(
         problem, loops=tuple(problem.loops[t] for t in others), likelihood=problem.likelihood.of_tests(others)
     )
-    force, measured = predicted(part, most_probable(part, optima[:_STARTS])[0][0], left, seed)
+    z = first_draws(part, most_probable(part, optima[:_STARTS])[0][:1], _DRAWS, seed)
+    force, measured = predicted(part, z, left, seed)
     u = np.stack([x.displacement_mm for x in left])
     found, again = loop_quantities(u, measured), loop_quantities(u, force)
     inside = [_held(getattr(found, n), getattr(again, n), 0.9) for n in ("energy_mJ", "stiffness_N_mm")]
@@ -89,13 +90,12 @@ def _held(value: Array, draws: Array, level: float) -> float:
 
 
 def predicted(problem: Problem, z: Array, loops: Sequence[Loop], seed: int) -> tuple[Array, Array]:
-    """Loops as measured again (draws, tests, samples), N, about a problem's optimum z (ndim,), and the measured ones
-    (tests, samples), both less their means, which drift."""
+    """Loops as measured again (draws, tests, samples), N, by draws z (draws, ndim) of a problem's posterior, and the
+    measured ones (tests, samples), both less their means, which drift."""
     rng, fitted = np.random.default_rng([seed, 33]), len(problem.loops)
-    drawn = first_draws(problem, z[None], _DRAWS, seed)
-    force = problem.predict(drawn, motion_of((*problem.loops, *loops)))
+    force = problem.predict(z, motion_of((*problem.loops, *loops)))
     residual_N, force = problem.measured_N - force[:, :fitted], force[:, fitted:]
-    noise = problem.likelihood.carried_over(residual_N, problem.parameter_values(drawn), loops, rng)
+    noise = problem.likelihood.carried_over(residual_N, problem.parameter_values(z), loops, rng)
     force = force - force.mean(axis=-1, keepdims=True) + resolved(noise, loops)
     measured = np.stack([x.force_N for x in loops])
     return force, measured - measured.mean(axis=-1, keepdims=True)

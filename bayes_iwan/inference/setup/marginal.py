@@ -7,9 +7,7 @@ deviations, H its slope by them in units of their prior's standard deviation, an
     ∫ p(r − Hc) N(c) dc = p(r) · exp(½ bᵀA⁻¹b) / √|A|,      b = Hᵀr,      c | the others ~ N(A⁻¹b, A⁻¹).
 
 What remains is a broad posterior of few numbers, where the joint one is a thin curved sheet of many: the walkers of an
-ensemble sampler find their way in it by themselves. A density that the deviations would make negative somewhere is
-impossible: a draw of c that does so gives the place probability 0, which cuts the joint posterior and nothing else, for
-c was drawn from its own conditional density.
+ensemble sampler find their way in it by themselves.
 """
 
 from dataclasses import dataclass
@@ -23,8 +21,6 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import SLIP_NAMES
 from bayes_iwan.models.iwan_parameters import slip_form_names
-from bayes_iwan.models.parameter import Z_LIMIT
-from bayes_iwan.models.series import least_factor
 
 
 @dataclass(frozen=True)
@@ -65,13 +61,10 @@ class Marginal:
         z[:, self.walked] = x
         if len(self.drawn) == 0:
             return self.problem.log_prob(z)[:, None]
-        log_prob, mean, root, ratio = self._integrated(z)
+        log_prob, mean, root = self._integrated(z)
         unit = random.standard_normal(mean.shape)
-        z[:, self.drawn] = mean + np.linalg.solve(root.transpose(0, 2, 1), unit[:, :, None])[:, :, 0]
-        values = self.problem.prior.values(z)
-        possible = least_factor(np.stack([values[n] for n in SLIP_NAMES], axis=1), ratio) >= 0.0
-        possible &= np.all(np.abs(z[:, self.drawn]) <= Z_LIMIT, axis=1)
-        return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], z[:, self.drawn]], axis=1)
+        drawn = mean + np.linalg.solve(root.transpose(0, 2, 1), unit[:, :, None])[:, :, 0]
+        return np.concatenate([log_prob[:, None], drawn], axis=1)
 
     @cached_property
     def _scale(self) -> tuple[slice | list[int], Array]:
@@ -82,13 +75,13 @@ class Marginal:
         every = chosen == list(range(1 + len(SLIP_NAMES)))
         return slice(None) if every else chosen, np.array([p.prior[n].prior.std() for n in names])
 
-    def _integrated(self, z: Array) -> tuple[Array, Array, Array, Array]:
+    def _integrated(self, z: Array) -> tuple[Array, Array, Array]:
         """At z (n, ndim) with deviations 0: ln of the integral (n,); the mean (n, drawn) of their conditional density,
-        and the lower triangular root (n, drawn, drawn) of its inverse covariance A; the deviations' ratios."""
+        and the lower triangular root (n, drawn, drawn) of its inverse covariance A."""
         p, (chosen, scale) = self.problem, self._scale
         values, count = p.parameter_values(z), len(scale)
         with np.errstate(all="ignore"):
-            each, ratio = p.residual_and_slopes(values)
+            each = p.residual_and_slopes(values)
             level = p.prior.log_density(z) + p.likelihood.log_likelihood(each[:, 0], values)
             repeated = {q.name: np.repeat(values[q.name], count + 1) for q in p.likelihood.parameters}
             rows = p.likelihood.rows(each[:, chosen].reshape(-1, *each.shape[2:]), repeated)
@@ -100,4 +93,4 @@ class Marginal:
         y = np.linalg.solve(root, h @ rows[:, 0, :, None])
         level += 0.5 * np.sum(y[:, :, 0] ** 2, axis=1) - np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
         mean = np.linalg.solve(root.transpose(0, 2, 1), y)[:, :, 0]
-        return np.where(sound, level, -np.inf), mean, np.asarray(root), ratio
+        return np.where(sound, level, -np.inf), mean, np.asarray(root)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.campaign import Loop
@@ -133,16 +132,12 @@ class Problem:
         """Measured − predicted, (draws, tests, samples), N."""
         return self.measured_N - self.predict(z)
 
-    def residual_and_slopes(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
+    def residual_and_slopes(self, parameter_values: ParameterValues) -> Array:
         """Measured − predicted, and the prediction's derivatives by the slip forces' deviations, (draws,
-        1 + deviations, tests, samples), N, of the Iwan model without effects; and the deviations' ratios."""
-        out, ratio = self.model.force_and_slopes(parameter_values, self.motion)  # type: ignore[attr-defined]
+        1 + deviations, tests, samples), N, of the Iwan model without effects."""
+        out: Array = self.model.force_and_slopes(parameter_values, self.motion)  # type: ignore[attr-defined]
         out[:, 0] = self.measured_N - out[:, 0] - parameter_values[FORCE_ZERO][:, None, None]
-        return out, ratio
-
-    def possible(self, z: Array) -> NDArray[np.bool_]:
-        """(draws,): does the model mean something there?"""
-        return self.model.possible(self.parameter_values(z))
+        return out
 
     def log_likelihood(self, z: Array) -> Array:
         """Log-likelihood of each draw, (draws,); −∞ where the prediction is not finite."""
@@ -151,18 +146,14 @@ class Problem:
             value = self.likelihood.log_likelihood(self.measured_N - self.force(parameter_values), parameter_values)
         return np.where(np.isfinite(value), value, -np.inf)
 
-    def log_density(self, z: Array) -> Array:
-        """Log prior density plus log-likelihood, (draws,), also where the model means nothing."""
+    def log_prob(self, z: Array) -> Array:
+        """Log posterior density over z, up to the evidence, (draws,)."""
         prior = self.prior.log_density(z)
         out = np.full(len(prior), -np.inf)
         inside = np.isfinite(prior)
         if inside.any():
             out[inside] = prior[inside] + self.log_likelihood(np.atleast_2d(z)[inside])
         return out
-
-    def log_prob(self, z: Array) -> Array:
-        """Log posterior density over z, up to the evidence, (draws,); −∞ where the model means nothing."""
-        return np.where(self.possible(z), self.log_density(z), -np.inf)
 
     def pointwise(self, z: Array) -> Array:
         """Log-likelihood by datum, (draws, points)."""

@@ -218,12 +218,12 @@ def most_probable(problem: Problem, starts: Array) -> tuple[Array, Array, int]:
         fit = _fitted(residuals, starts[rows][:, free])
         held[np.ix_(rows, free)] = fit.x
         used += fit.n_evaluations
-    log_prob = problem.log_density(held)
+    log_prob = problem.log_prob(held)
     order = np.argsort(-log_prob)
     keep = _different(held[order], log_prob[order], tolerance=0.3)
     fit = _fitted(lambda z: joint_rows(problem, z), held[order][keep])
     ended = fit.arrived | (np.arange(len(fit.x)) == fit.best)
-    found, log_prob = fit.x[ended], problem.log_density(fit.x[ended])
+    found, log_prob = fit.x[ended], problem.log_prob(fit.x[ended])
     order = np.argsort(-log_prob)
     order = order[_different(found[order], log_prob[order], tolerance=0.3)]
     return found[order], log_prob[order], used + fit.n_evaluations

@@ -1,0 +1,100 @@
+"""The deviations integrated out: the integral and what is drawn, against the joint posterior."""
+
+import numpy as np
+import pytest
+
+import bayes_iwan as bi
+from bayes_iwan.inference.setup.marginal import Marginal
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.solving.point import most_probable
+from bayes_iwan.models.embedded_error import SLIP_NAMES
+from bayes_iwan.sampling.blocks import generator
+
+FLAT = {"dist": "uniform", "loc": -0.1, "scale": 0.2}
+SIMPLE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
+
+
+@pytest.fixture(scope="module")
+def loops(made_up_campaign):
+    return bi.read_campaign(made_up_campaign).loops(n_phase=64, n_harmonics=12)
+
+
+@pytest.fixture(scope="module")
+def marginal(loops):
+    return Marginal(make_problem(loops, SIMPLE))
+
+
+def near(problem, n, sd=0.02):
+    """z (n, ndim) about the best of some prior draws."""
+    z = problem.prior.draw(np.random.default_rng(0), 400)
+    best = most_probable(problem, z[np.argsort(-problem.log_prob(z))[:6]])[0][0]
+    return best + sd * np.random.default_rng(1).standard_normal((n, problem.ndim))
+
+
+def test_what_is_drawn_and_what_is_walked_in_make_up_all_coordinates(marginal):
+    names = marginal.problem.names
+    assert tuple(names[i] for i in marginal.drawn) == SLIP_NAMES
+    assert sorted([*marginal.drawn, *marginal.walked]) == list(range(len(names)))
+    form, others, noise = ([names[marginal.walked[i]] for i in block] for block in marginal.blocks)
+    assert form == ["eta1"] and noise == ["noise_scale", "discrepancy_odd", "discrepancy_even", "discrepancy_slope"]
+    assert {"kp_N_mm", "mean_slip_force_N", "stiffness_exponent"} < set(others)
+
+
+def test_the_integral_is_that_of_the_joint_density(marginal):
+    """ln p(x) − ln p(x, c) + ln p(c | x) = 0 at every c, for the joint density is the product; up to one constant, the
+    prior's of the deviations, which no place changes."""
+    problem = marginal.problem
+    z = near(problem, 8)
+    at = z.copy()
+    at[:, marginal.drawn] = 0.0
+    level, mean, root = marginal._integrated(at)
+    for shift in (0.0, 1.0, -2.0):
+        unit = np.full(mean.shape, shift)
+        z[:, marginal.drawn] = mean + np.linalg.solve(root.transpose(0, 2, 1), unit[:, :, None])[:, :, 0]
+        conditional = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1) - 0.5 * np.sum(unit**2, axis=1)
+        np.testing.assert_allclose(problem.log_prob(z) - conditional, level, rtol=0.0, atol=1e-6)
+
+
+def test_draws_given_the_others_have_the_conditional_mean_and_covariance(marginal):
+    x = np.tile(near(marginal.problem, 1)[:, marginal.walked], (4000, 1))
+    found = marginal(x, generator((1,)))
+    z = np.zeros((1, marginal.problem.ndim))
+    z[:, marginal.walked] = x[:1]
+    _, mean, root = marginal._integrated(z)
+    unit = (found[:, 1:] - mean) @ root[0]
+    assert np.ptp(found[:, 0]) < 1e-9
+    np.testing.assert_allclose(unit.mean(axis=0), 0.0, atol=0.08)
+    np.testing.assert_allclose(np.cov(unit.T), np.eye(len(SLIP_NAMES)), atol=0.12)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        {"model": {"embedded": False}},
+        {"likelihood": {"kind": "laplace"}},
+        {"parameters": {name: {"prior": FLAT} for name in SLIP_NAMES}},
+    ],
+    ids=["plain", "not normal", "another prior"],
+)
+def test_nothing_is_integrated_out_where_that_is_not_exact(loops, config):
+    problem = make_problem(loops, {"model": {**SIMPLE["model"], **config.get("model", {})}} | {
+        k: v for k, v in config.items() if k != "model"
+    })  # fmt: skip
+    marginal = Marginal(problem)
+    assert len(marginal.drawn) == 0 and len(marginal.walked) == problem.ndim
+    z = near(problem, 3)
+    np.testing.assert_array_equal(marginal(z, generator((1,)))[:, 0], problem.log_prob(z))
+
+
+def test_a_deviation_of_another_prior_is_walked_in_and_the_others_are_drawn(loops):
+    given = {"slip_deviation3": {"fixed": 0.05}, "slip_deviation2": {"prior": FLAT}}
+    problem = make_problem(loops, {**SIMPLE, "parameters": given})
+    marginal = Marginal(problem)
+    drawn = [problem.names[i] for i in marginal.drawn]
+    assert drawn == [n for n in SLIP_NAMES if n not in given]
+    z = near(problem, 4)
+    z[:, marginal.drawn] = 0.0
+    level, mean, root = marginal._integrated(z)
+    z[:, marginal.drawn] = mean
+    conditional = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    np.testing.assert_allclose(problem.log_prob(z) - conditional, level, rtol=0.0, atol=1e-6)
