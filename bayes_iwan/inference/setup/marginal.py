@@ -21,6 +21,7 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import SLIP_NAMES
 from bayes_iwan.models.iwan_parameters import slip_form_names
+from bayes_iwan.models.parameter import Z_LIMIT
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class Marginal:
         log_prob, mean, root = self._integrated(z)
         unit = random.standard_normal(mean.shape)
         drawn = mean + np.linalg.solve(root.transpose(0, 2, 1), unit[:, :, None])[:, :, 0]
+        log_prob = np.where(np.all(np.abs(drawn) <= Z_LIMIT, axis=1), log_prob, -np.inf)  # as elsewhere
         return np.concatenate([log_prob[:, None], drawn], axis=1)
 
     @cached_property
