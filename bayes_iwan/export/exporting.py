@@ -170,7 +170,7 @@ def _of_posterior(posterior: Posterior, draws: int) -> Source:
         problem=posterior.problem,
         z=np.concatenate([posterior.point.z[None], kept]),
         campaign=posterior.campaign,
-        method="Laplace's approximation about the most probable point" if posterior.quick else "sampled posterior",
+        method="first draws of a short run" if posterior.quick else "sampled posterior",
         seed=posterior.seed,
         unexplained=(residual.rms_N, residual.share),
     )

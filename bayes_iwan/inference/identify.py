@@ -173,7 +173,7 @@ def identify_problem(
     progress
         show a bar.
     quick
-        a normal approximation instead of sampling.
+        the first draws of a short run, not asked whether it has converged.
     workers
         as for :func:`bayes_iwan.identify`.
 
@@ -246,7 +246,9 @@ def _posterior(
         walkers=walkers,
         thin=every,
         converged=chains.converged and not quick,
-        message="quick: the first draws, whether they have converged is not known" if quick else chains.message,
+        message="quick: the first draws of a short run, not asked whether it has converged"
+        if quick
+        else chains.message,
         stop=Stop.QUICK if quick else chains.stop,
         timings=timings,
         convergence=tuple(ConvergenceRow(name, *map(float, row)) for name, *row in diagnostics),

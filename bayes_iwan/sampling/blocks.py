@@ -23,7 +23,7 @@ class Density:
 
     function : (x (n, walked), random) → (n, 1 + drawn): ln p with the drawn coordinates integrated out, −∞ where
     impossible, and a draw of these. walked, drawn : their places among all coordinates. blocks : places among the
-    walked, those first that others bend with.
+    walked, those first that others follow.
     """
 
     function: Callable[[Array, np.random.RandomState], Array]

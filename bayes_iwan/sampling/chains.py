@@ -16,7 +16,7 @@ class Stop(Enum):
     STEPS = "the largest number of steps"
     BUDGET = "the time budget"
     INTERRUPTED = "interrupted"
-    QUICK = "not sampled"
+    QUICK = "quick"
 
 
 @dataclass(frozen=True)

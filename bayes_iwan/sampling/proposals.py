@@ -163,7 +163,7 @@ def learnt_moves(
     """Moves with their weights from draws x (n, ndim): independent proposals of all coordinates and of each block,
     steps along differences and snooker's, all of them in straight coordinates.
 
-    blocks : places of the coordinates, those first that others bend with, each in one of them.
+    blocks : places of the coordinates, those first that others follow, each in one of them.
     """
     straightening = Straightening.fitted(x, blocks)
     u = straightening.straight(x)

@@ -1,4 +1,4 @@
-"""A map learnt from draws that makes a bent posterior nearly a standard normal one, for moves to act in."""
+"""A map learnt from draws that makes a curved posterior nearly a standard normal one, for moves to act in."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def test_a_file_is_read(tmp_path):
     [
         ({"sampeling": {}}, "unknown table 'sampeling'; did you mean 'sampling'"),
         ({"sampling": {"walkrs": 64}}, r"\[sampling\]: unknown key 'walkrs'; did you mean 'walkers'"),
-        ({"sampling": {"zzz": 64}}, "use between_tests, budget_s, draws"),
+        ({"sampling": {"zzz": 64}}, "use budget_s, draws"),
         ({"sampling": {"walkers": 0}}, "whole number of at least 1, not 0"),
         ({"sampling": {"walkers": 6.5}}, "whole number"),
         ({"sampling": {"ess": "many"}}, "finite positive number, not 'many'"),
@@ -129,14 +129,13 @@ reach = 4.0
 starts = 12
 [sampling]
 ensembles = 4
-walkers = 40
+walkers = 16
 budget_s = 240.0
 max_steps = 200000
 r_hat = 1.01
 ess = 400.0
-taus = 50.0
+taus = 10.0
 draws = 4096
-between_tests = true
 """
 
 

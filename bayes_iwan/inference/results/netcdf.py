@@ -30,7 +30,7 @@ from bayes_iwan.sampling.chains import Stop
 if TYPE_CHECKING:
     import xarray
 
-FORMAT = 3
+FORMAT = 4
 #: what stands behind posterior.nc's own end (HDF5 does not look there), before the SHA-256 of all before it
 SEAL = b"bayes_iwan sha256 "
 #: groups that are looked at but not gone on from: seven digits are enough

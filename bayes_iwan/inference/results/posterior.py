@@ -121,7 +121,7 @@ class Posterior:
 
     @property
     def quick(self) -> bool:
-        """Whether the draws are Laplace's approximation about the most probable point, not a sampler's."""
+        """Whether the draws are the first ones of a short run, which was not asked whether it has converged."""
         return self.stop is Stop.QUICK
 
     @property
@@ -234,10 +234,10 @@ class Posterior:
         Summary
             a tuple of rows, shown as a table: name, unit, mean, sd, q05, q50, q95 of the draws; R-hat and effective
             sizes, nan for what is fixed and for
-            draws of a normal approximation; why the quantity is extrapolated, if it is.
+            quick draws; why the quantity is extrapolated, if it is.
         """
         rows = []
-        d = None if self.quick else self.diagnostics  # a normal approximation has no chains
+        d = None if self.quick else self.diagnostics  # of so short a run they say nothing
         for i, (name, quantity) in enumerate(self.quantities().items()):
             x = quantity.values
             low, middle, high = np.quantile(x, [0.05, 0.5, 0.95])

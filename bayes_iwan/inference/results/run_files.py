@@ -47,7 +47,7 @@ def summary_csv(posterior: Posterior) -> str:
         if quick:
             at = columns.index("ess_bulk")
             cells[at : at + 3] = ["", "", ""]
-        writer.writerow([*cells, "laplace"] if quick else cells)
+        writer.writerow([*cells, "quick"] if quick else cells)
     return out.getvalue()
 
 

@@ -48,7 +48,7 @@ class Marginal:
 
     @cached_property
     def blocks(self) -> tuple[NDArray[np.int64], ...]:
-        """Places among those walked in: numbers of the slip forces' form, with which the others bend; the others of
+        """Places among those walked in: numbers of the slip forces' form, which the others follow; the others of
         the simulator and the effects; the likelihood's."""
         p, names = self.problem, [self.problem.names[i] for i in self.walked]
         form = slip_form_names(p.model, p.scales) if isinstance(p.model, Model) else ()

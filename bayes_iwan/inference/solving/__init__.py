@@ -1,1 +1,1 @@
-"""How it is answered: the point estimate, the normal approximation along the manifold, chains."""
+"""How it is answered: the point estimate, and draws of the posterior."""

@@ -53,7 +53,9 @@ class Answer(BatchSection):
         if late := [x.name for x in result.finished if x.converged is False]:
             found.append((f"Not converged, so that their intervals are too narrow: {', '.join(late)}.", False, ""))
         if any(x.quantities and x.converged is None for x in result.finished):
-            found.append(("Quick: intervals are a normal approximation, not sampled.", False, ""))
+            found.append(
+                ("Quick: intervals are those of first draws, not asked whether they have converged.", False, "")
+            )
         large = [x for x in result.finished if (x.gap_share or 0.0) > LARGE_RESIDUAL]
         if large:
             named = ", ".join(f"{x.name} ({100 * (x.gap_share or 0.0):.2g} %)" for x in large[:8])
