@@ -117,12 +117,11 @@ def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
 
 def test_a_prior_that_excludes_the_truth_and_a_wrong_fixed_value_are_said(made_up_campaign, tmp_path, capsys):
     config = tmp_path / "c.toml"
-    model = '[model]\nslip = "gamma1"\nnormal_force = "constant"\nstiffness = "constant"\n'
+    model = '[model]\nslip = "gamma1"\nnormal_force = "constant"\nstiffness = "constant"\nembedded = false\n'
     arguments = ["identify", str(made_up_campaign), "--quick", "--seed", "1", "--config", str(config)]
     config.write_text(model + "[parameters.kp_N_mm]\nupper = 3.0\n")
     assert main([*arguments, "--out", str(tmp_path / "cut")]) == 0
     said = capsys.readouterr().out
-    print(said)
     assert "kp_N_mm lies at the upper end of its prior" in said and "residual" in said
     assert "lies at the upper end" in (tmp_path / "cut" / "report.html").read_text()
     config.write_text(model + "[parameters.k1_N_mm]\nfixed = 2.0\n")

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.comparison import frequencies as per_frequency
 from bayes_iwan.comparison import loo
-from bayes_iwan.comparison.families import SHORT, CompareError, compare_families
+from bayes_iwan.comparison.families import CompareError, compare_families
 from bayes_iwan.comparison.frequencies import compare_frequencies
 from bayes_iwan.comparison.loo import smoothed_log_weights
-from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.report.comparison_page import comparison_report, ranking_figure
 from bayes_iwan.report.identification.by_frequency import frequencies_table, wander_figure, wander_rows
 from bayes_iwan.report.identification.predictive_checks import loo_pit
@@ -134,8 +132,3 @@ def test_loo_pit_is_uniform_and_without_means(posterior):
     harmonics = sum(int(np.isfinite(x.noise_N).sum()) - 1 for x in posterior.problem.loops)
     assert pit.shape == (2 * harmonics,)
     assert stats.kstest(pit, "uniform").pvalue > 0.01
-
-
-def test_short_runs_have_walkers_enough_for_the_paper_s_model(posterior):
-    ndim = make_problem(posterior.problem.loops).ndim
-    assert ndim == 29 and all(short.sampling.walkers >= 2 * ndim + 2 for short in (per_frequency.SHORT, SHORT))

@@ -34,7 +34,8 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
     out = []
     if posterior.quick:
         out.append(
-            "Quick: the first draws of a short run, which was not asked whether it has converged; intervals are approximate."
+            "Quick: the first draws of a short run, which was not asked whether it has converged; intervals are "
+            "approximate."
         )
     elif not posterior.converged:
         out.append(f"The chains have not converged ({posterior.message}); read every interval as too narrow.")
