@@ -33,7 +33,7 @@ def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported
     )
     problem = problem_of(**classical)
     problem = problem.with_effects([made(kind, problem)])
-    z, cycles, w = draws(problem, 3, seed=2), SLOW.get(kind, 20), 2 * np.pi * HZ
+    z, cycles, w = draws(problem, 3, seed=3), SLOW.get(kind, 20), 2 * np.pi * HZ
     folder = exported(problem, z)
     subprocess.run([*STRICT, "isolator.c"], cwd=folder, check=True)
     isolator = rt.module(folder)
