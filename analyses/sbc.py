@@ -97,8 +97,8 @@ def from_truth(problem: Problem, truth: np.ndarray, seed: int) -> tuple[np.ndarr
     """RANKED places (RANKED, ndim) that are exchangeable with the truth (1, ndim) where all is right.
 
     The moves are learnt from the data alone, from the optima that the search finds; then they are frozen. From the
-    truth some steps lead to a hub, for a step is a reversible one that is chosen at random; from there as many lead each
-    of RANKED walkers on.
+    truth some steps lead to a hub, for a step is a reversible one that is chosen at random; from there as many lead
+    each of RANKED walkers on.
     """
     began = time.process_time()
     point = found_point(problem, seed)
