@@ -5,7 +5,7 @@
 
 All sample the default joint posterior over the package's own coordinates (priors standard normal), with the package's
 own batch density, each in a process of its own for so many *processor* seconds: other work on the machine then disturbs
-little. Ensembles and chains start at fits to shifted data, which is posterior-like (finding them is charged to nobody);
+little. Ensembles and chains start at quick draws of the posterior (finding them is charged to nobody);
 nested samplers and pocoMC start from the prior, as they must. Burn-in and adaptation are charged: what counts is what
 the whole time bought. MCMC: bulk and tail ESS of the worst sampled number from four independent ensembles or chains,
 the first half of the draws omitted (ours says itself when adaptation ended), and their R-hat; where that is above
@@ -39,8 +39,8 @@ from scipy import special
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
-from bayes_iwan.inference.solving.point import Point, find_point
-from bayes_iwan.inference.solving.posterior_draws import Run, approximate_draws, sampled
+from bayes_iwan.inference.solving.point import Point, find_point, near_optima
+from bayes_iwan.inference.solving.posterior_draws import QUICK, Run, sampled
 from bayes_iwan.sampling.convergence import convergence_of
 
 ENSEMBLES, WALKERS = 4, 40
@@ -96,7 +96,8 @@ def quality(draws: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
 def package(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
     """What `identify` does, until its own rule is met or the clock has gone on by as many seconds."""
     settings = replace(settings_of().sampling, budget_s=density.seconds)
-    chains = sampled(density.problem, density.point, settings, Run(seed))
+    optima = near_optima(density.point.optima, density.point.optima_log_prob)
+    chains = sampled(density.problem, optima, settings, Run(seed))
     if chains.convergence is None:
         return {"note": chains.message}
     density.best = float(chains.log_prob.max())
@@ -324,7 +325,8 @@ def main() -> None:
     settings = settings_of({"model": {"embedded": args.embedded}})
     problem = make_problem(read_campaign(args.campaign).loops(**asdict(settings.loops)), settings)
     point = find_point(problem, args.seed, settings.search)
-    starts = approximate_draws(problem, point.z, 1024, (args.seed, 12))
+    optima, quick = near_optima(point.optima, point.optima_log_prob), replace(settings.sampling, **QUICK)
+    starts = sampled(problem, optima, quick, Run(args.seed + 12)).flat(1024)
     print(f"most probable point: ln posterior {point.log_prob:.1f}, from which those below count")
     print(f"{len(starts)} starts; {os.cpu_count()} cores")
     print(

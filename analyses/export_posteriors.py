@@ -5,8 +5,8 @@
 Each specimen is drawn by the virtual rig and tested three times (10 Hz at 0.4 and 0.9 mm, 18 Hz at 0.6 mm, six cycles
 each). Two posteriors are sampled of each campaign by the default settings (R-hat 1.01, an effective size of 400):
 NN_constant with a constant normal force and stiffness and without embedded model error, which OpenSees' springs can
-hold, and NN_varying with the default model. Only the time that a run may take is another (--budget, s); --quick samples
-nothing. Runs that are there are kept, interrupted ones go on.
+hold, and NN_varying with the default model. Only the time that a run may take is another (--budget, s); --quick ends
+with the first draws that count. Runs that are there are kept, interrupted ones go on.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--specimens", type=int, default=20)
     parser.add_argument("--seed", type=int, default=4401)
     parser.add_argument("--budget", type=float, default=900.0)
-    parser.add_argument("--quick", action="store_true", help="draws of Laplace's approximation instead")
+    parser.add_argument("--quick", action="store_true", help="the first draws that count instead")
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
     budget_s = None if args.quick else args.budget

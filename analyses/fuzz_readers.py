@@ -13,8 +13,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-from bayes_iwan.sampling.moves.metropolis import LeastSquares
-from bayes_iwan.sampling.nuisance import Nuisance
 
 import mutations
 from bayes_iwan.campaign import Record, average, read_campaign, write_campaign
@@ -33,6 +31,7 @@ from bayes_iwan.report.batch.batch_run import stored_specimen
 from bayes_iwan.report.batch.specimens import Batch, populations
 from bayes_iwan.sampling import checkpoint
 from bayes_iwan.sampling import run as sampling_run
+from bayes_iwan.sampling.blocks import Density
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.withheld import scoring
 from bayes_iwan.withheld import sealed as withheld
@@ -145,17 +144,16 @@ def _thinned(r: Record, cycles: int) -> Record:
     return replace(r, time_s=r.time_s[keep], displacement_mm=r.displacement_mm[keep], force_N=r.force_N[keep])
 
 
-def _gauss(z: np.ndarray) -> np.ndarray:
-    return -0.5 * (z**2).sum(axis=1)
+def _gauss(z: np.ndarray, random: np.random.RandomState) -> np.ndarray:
+    return -0.5 * (z**2).sum(axis=1, keepdims=True)
 
 
 def _sampled(path: Path, resume: bool) -> object:
     """A short run of a normal distribution in two numbers, or what going on from its checkpoint gives."""
-    sampling_run._WARM_UP = 1
-    none = Nuisance(np.empty(0, np.int64), np.empty(0), np.empty((0, 0)))
-    target = LeastSquares(lambda z: 0.0 * z, lambda z, _: _gauss(z)[:, None], none, 2, 8.0)
-    plan = Plan(("a", "b"), 1, checkpoint=path, resume=resume, max_steps=40, progress=False)
-    return sampling_run.sample(_gauss, target, np.zeros((1, 2)), plan, n_ensembles=2, n_walkers=8)
+    both = np.arange(2)
+    density = Density(_gauss, both, both[:0], (both,))
+    plan = Plan(("a", "b"), 1, checkpoint=path, resume=resume, pilot=1, max_steps=40, progress=False)
+    return sampling_run.sample(density, np.zeros((1, 2)), np.eye(2), plan, n_ensembles=2, n_walkers=8)
 
 
 def _fits(path: Path) -> Callable[[], object]:
@@ -268,7 +266,7 @@ def readers() -> dict[str, Reader]:
         "posterior.nc, resealed": Reader(
             (Path("run/posterior.nc"),), lambda: run_files.load("run", campaign), resealed_netcdf
         ),
-        "chains.ckpt": Reader((ckpt,), lambda: checkpoint.read_checkpoint(ckpt, ("production",))),
+        "chains.ckpt": Reader((ckpt,), lambda: checkpoint.read_checkpoint(ckpt, (sampling_run.STAGE,))),
         "chains.ckpt, resealed": Reader((ckpt,), lambda: _sampled(ckpt, True), resealed_checkpoint),
         "diagnosis.json": Reader(
             (Path("answer/diagnosis.json"),), lambda: read_answer("case", read_diagnosis(Path("answer")))

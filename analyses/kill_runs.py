@@ -6,7 +6,7 @@ Small made-up campaigns, so that a kill costs half a second. Each trial runs a c
 ended at a random moment, checks what lies in its folder, starts it again, and so on until it finishes by itself; then
 every result must be that of a run that nobody disturbed, bit for bit, with nothing else left in the folder. Kills come
 so early or late that some run in three to six gets through, since only those are compared. To spend
-the time on what is on trial, sampling adapts for a short time, pages have one figure, and a diagnosis, which has no
+the time on what is on trial, the pilot of a sampling run is short, pages have one figure, and a diagnosis, which has no
 state to go on from, finds what it is told: the kills strike while its files are written.
 """
 
@@ -134,8 +134,8 @@ def small_page(*rest: object) -> Path:
 
 
 def lighten() -> None:
-    """Short adaptation, pages of one figure, a diagnosis that is told: in this process and its children alone."""
-    sampling_run._WARM_UP = 1
+    """A short pilot, pages of one figure, a diagnosis that is told: in this process and its children alone."""
+    sampling_run.PILOT = 2
     report_folder.identification_report = small_page
     fit = SimpleNamespace(problem=SimpleNamespace(prior=SimpleNamespace(free=())))
     diagnosis_folder.diagnose_campaign = lambda campaign, **options: SimpleNamespace(
@@ -408,17 +408,16 @@ def told(name: str, t: Tally, more: str = "") -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kills", type=int, default=300, help="in all, over the five commands")
+    parser.add_argument("--kills", type=int, default=300, help="in all, over the four commands")
     parser.add_argument("--others", type=int, default=10, help="full disks, damaged checkpoints, half as many crowds")
-    parser.add_argument("--only", nargs="+", metavar="COMMAND", help="of the five, and then none of the others")
+    parser.add_argument("--only", nargs="+", metavar="COMMAND", help="of the four, and then none of the others")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="JSON file for the figures")
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)
     tmp = Path(tempfile.mkdtemp(prefix="kills"))
-    config, short = tmp / "config.toml", tmp / "short.toml"
+    config = tmp / "config.toml"
     config.write_text(CONFIG)
-    short.write_text(CONFIG)
     campaign = made_up(tmp / "campaign", 5.5, 7)
     for i in range(3):
         made_up(tmp / "many" / f"specimen{i}", 5.0 + 0.5 * i, i)
@@ -431,12 +430,9 @@ def main() -> None:
     def command(*words: object) -> int:
         return cli.main([str(w) for w in words])
 
-    def identify(out: Path, settings: Path = config) -> int:
+    def identify(out: Path) -> int:
         more = ["--resume"] if (out / CHECKPOINT).exists() else []
-        return command("identify", campaign, "--out", out, "--config", settings, "--seed", "1", *more)
-
-    def importance(out: Path) -> int:
-        return identify(out, short)
+        return command("identify", campaign, "--out", out, "--config", config, "--seed", "1", *more)
 
     def diagnose(out: Path) -> int:
         return command("diagnose", campaign, "--out", out, "--quick")
@@ -464,8 +460,7 @@ def main() -> None:
     began = time.monotonic()
     tallies = {}
     commands = (
-        ("identify", identify, 0.3, 0.35),
-        ("by importance", importance, 0.2, 0.6),
+        ("identify", identify, 0.5, 0.35),
         ("diagnose", diagnose, 0.2, 0.75),
         ("batch", batch, 0.15, 0.3),
         ("withheld answer", answered, 0.15, 0.35),

@@ -10,6 +10,7 @@ paper's own way, the minimum of Eq. (8). The derivation is in analyses/guide/lik
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,9 @@ from bayes_iwan.campaign import read_campaign
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import quantities
-from bayes_iwan.inference.setup.settings import SearchSettings
-from bayes_iwan.inference.solving.point import Point, find_point
-from bayes_iwan.inference.solving.posterior_draws import approximate_draws
+from bayes_iwan.inference.setup.settings import SamplingSettings, SearchSettings
+from bayes_iwan.inference.solving.point import Point, find_point, near_optima
+from bayes_iwan.inference.solving.posterior_draws import QUICK, Run, sampled
 
 SHOWN = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N", "slip_force_q50_N")
 
@@ -39,8 +40,9 @@ def discrepancy_share(problem: Problem, z: Array) -> Array:
 
 
 def identified(problem: Problem, point: Point) -> dict[str, tuple[float, float]]:
-    """Median and standard deviation of each shown quantity, by the normal approximation along the manifold."""
-    found = quantities(problem, approximate_draws(problem, point.z, 1000, (0, 1)))
+    """Median and standard deviation of each shown quantity, from quick draws."""
+    optima = near_optima(point.optima, point.optima_log_prob)
+    found = quantities(problem, sampled(problem, optima, replace(SamplingSettings(), **QUICK), Run(0)).flat(1000))
     return {n: (float(np.median(found[n].values)), float(np.std(found[n].values))) for n in SHOWN}
 
 

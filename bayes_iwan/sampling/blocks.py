@@ -72,6 +72,8 @@ def advanced(shared: tuple[Density, Moves, int], piece: tuple[Places, tuple[int,
     together, and the seed of their block."""
     (density, moves, steps), (start, seed) = shared, piece
     random, blobs = generator((*seed, 1)), start.drawn if len(density.drawn) else None
+    if len(density.drawn) == 1:
+        blobs = start.drawn[:, 0]  # as emcee keeps a single one
     state = emcee.State(start.x, log_prob=start.log_prob, blobs=blobs, random_state=generator(seed).get_state())
     own = [(copy.copy(move), weight) for move, weight in moves]
     sampler = emcee.EnsembleSampler(*start.x.shape, None, moves=own, vectorize=True)

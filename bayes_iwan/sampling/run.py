@@ -30,6 +30,7 @@ from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, Snapshot
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
 from bayes_iwan.sampling.plan import Plan, SamplingError
 from bayes_iwan.sampling.proposals import learnt_moves
+from bayes_iwan.threads import linear_algebra
 
 STAGE = "draws"
 BLOCK = 25  # steps between two commits
@@ -37,8 +38,13 @@ PILOT = 48  # blocks before any draw counts, at least
 _TOGETHER = 32  # walkers that advance together: calls of few rows cost more each
 _LEARNT = 10_000  # draws that moves are learnt from at most
 _AGAIN = 1.5  # times the draws before moves are learnt anew
+<<<<<<< HEAD
 _LOOKED_AT = 800  # steps at most that convergence is reckoned from, evenly thinned
 _SCATTER = 0.7  # of starts about an optimum, in posterior standard deviations
+=======
+_LOOKED_AT = 800  # steps at most that convergence is told from, evenly thinned
+_SCATTER = 0.7  # of the starts about an optimum, in posterior standard deviations
+>>>>>>> samp
 FIRST_CHECK = 100
 #: times the draws at which to look next, at least and at most: where they would be enough by those so far
 _MORE = 1.15, 2.0
@@ -148,9 +154,10 @@ class EnsembleRun:
         self._keep(self.density.whole(out.x, out.drawn), out.log_prob)
 
     def _keep(self, z: Array, log_prob: Array) -> None:
+        other = self.plan.evaluated(z)  # first: Ctrl-C may come here
         self.z.append(z)
         self.log_prob.append(log_prob)
-        self.other.append(self.plan.evaluated(z))
+        self.other.append(other)
 
     def _scattered(self, n: int, random: np.random.RandomState, scatter: float = 1.0) -> Array:
         """(n, walked) about the starts, as the normal approximation at the first one is."""
@@ -160,7 +167,8 @@ class EnsembleRun:
     def _started(self) -> Places:
         """Walkers scattered about the starts."""
         random, need = self._random(0), self.n_ensembles * self.walkers
-        levels = self.density(self._starts, random)[:, 0]
+        tried = np.repeat(self._starts, need, axis=0)  # what is drawn there may be possible or not
+        levels = self.density(tried, random)[:, 0].reshape(-1, need).max(axis=1)
         if not np.isfinite(levels).any():
             raise SamplingError(
                 f"none of the {len(levels)} starts has a finite log-probability: there is nowhere to start from; "
@@ -199,7 +207,8 @@ class EnsembleRun:
         file: Checkpoint | None = None
         stop: Stop | None = None
         said, short, result = "", "no draws yet", None
-        with tqdm(disable=plan.quiet, unit="step") as bar:
+        # sums of linear algebra keep their order: moves, so draws, are the same on any number of threads
+        with tqdm(disable=plan.quiet, unit="step") as bar, linear_algebra().limit(limits=1):
             try:
                 file = self._opened()
                 while stop is None:
@@ -207,8 +216,8 @@ class EnsembleRun:
                     if self.steps >= 16 and (self.steps >= self.look or again or late or self.steps >= plan.max_steps):
                         result = self.convergence()
                         short = plan.shortfall(result)
-                        more = np.clip(plan.target_ess / result.least_ess, *_MORE) if short else 1.0
-                        self.look = int(more * self.steps)
+                        more = max(_MORE[0], plan.target_ess / result.least_ess)  # where that is NaN, the least
+                        self.look = int(min(more, _MORE[1]) * self.steps)
                         bar.set_postfix_str(
                             f"R-hat {result.worst_r_hat:.3f}, ESS {result.least_ess:.0f}, tau {result.worst_tau:.0f}"
                         )
@@ -261,12 +270,17 @@ class EnsembleRun:
         if plan.resumed is not None:
             file, found = Checkpoint.resume(plan.resumed, stamp, plan.names, (STAGE,))
             self._restored(found, plan.resumed)
+            try:
+                self._learn()
+            except np.linalg.LinAlgError as error:  # from draws that no run has drawn
+                file.close()
+                raise not_ours(plan.resumed, error) from None
         else:
             self.at = self._started()
             file = None
             if plan.checkpoint is not None:
                 file = Checkpoint.create(plan.checkpoint, stamp, plan.names, stages, self.state())
-        self._learn()
+            self._learn()
         return file
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -285,11 +299,13 @@ class EnsembleRun:
             shapes = [self.at.x.shape, self.at.drawn.shape, self.at.log_prob.shape, z.shape[1:]]
             if shapes != [(n, d), (n, self.density.ndim - d), (n,), (n, self.density.ndim)]:
                 raise ValueError(f"arrays of shapes {shapes}")
-            if n != self.n_ensembles * self.walkers or not np.isfinite(self.at.x).all() or len(z) % BLOCK:
+            if n != self.n_ensembles * self.walkers or len(z) % BLOCK:
                 raise ValueError(f"{n} walkers, {len(z)} steps")
             if self._starts.shape[1:] != (d,) or not 0 <= self.learnt * BLOCK <= len(z):
                 raise ValueError(f"learnt after {self.learnt} blocks from {self._starts.shape}")
-        except (KeyError, ValueError, TypeError, IndexError) as error:
+            if not all(np.isfinite(some).all() for some in (self.at.x, self.at.drawn, self._starts, z)):
+                raise ValueError("numbers that are not finite")
+        except (KeyError, ValueError, TypeError, IndexError, OverflowError) as error:
             raise not_ours(path, error) from None
         for first in range(0, len(z), BLOCK):
             self._keep(z[first : first + BLOCK], found.log_prob[STAGE][first : first + BLOCK])
