@@ -38,13 +38,8 @@ PILOT = 48  # blocks before any draw counts, at least
 _TOGETHER = 32  # walkers that advance together: calls of few rows cost more each
 _LEARNT = 10_000  # draws that moves are learnt from at most
 _AGAIN = 1.5  # times the draws before moves are learnt anew
-<<<<<<< HEAD
 _LOOKED_AT = 800  # steps at most that convergence is reckoned from, evenly thinned
 _SCATTER = 0.7  # of starts about an optimum, in posterior standard deviations
-=======
-_LOOKED_AT = 800  # steps at most that convergence is told from, evenly thinned
-_SCATTER = 0.7  # of the starts about an optimum, in posterior standard deviations
->>>>>>> samp
 FIRST_CHECK = 100
 #: times the draws at which to look next, at least and at most: where they would be enough by those so far
 _MORE = 1.15, 2.0
