@@ -49,12 +49,11 @@ _RATE = Question(
     "There is neither a time channel (--time NAME) nor a sample rate (none where rows have no clock, as of a "
     "quasi-static test).",
 )  # fmt: skip
-_WHOLE = "The time {!r} goes up by whole numbers ({:g} a row) and states no unit: is it s, ms or us?"
-_UNKNOWN = "The time {!r} goes up by {:.4g} a row and states no unit that is known: is it s, ms, min or day?"
-SHORTEST_STEP_S = 1e-6  # what is shorter is asked of, since it may be in days
+_UNKNOWN = "The time {!r} goes up by {:.4g} a row and states no unit that is known: is it s, ms, us, min or day?"
+STEPS_S = 1e-6, 0.1  # of a time without a unit: what is shorter may be in days, what is longer in ms
 _ROWS = (
-    "The time {!r} goes up by one a row: is that a clock of 1 Hz (1), or a count of rows, which no frequency is read "
-    "from (none)?"
+    "The time {!r} goes up by one a row: is that a clock of 1 Hz (1; 1000 if it counts ms), or a count of rows, which "
+    "no frequency is read from (none)?"
 )
 
 
@@ -240,18 +239,16 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             return [_RATE]
         if time is not None and channel.rate_hz is None:
             steps = np.diff(time.values)
+            if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
+                return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
             if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
                 return [Question("--sample-rate", "", "1 or none", _ROWS.format(time.name))]
             if moments_unit(time.values) and not time.unit:
                 continue
             if not recipe.units.get("time", time.unit):
                 step = float(np.median(steps))
-                if (steps >= 1.0).all() and (steps == np.rint(steps)).all():
-                    return [Question("--unit", "time", "ms", _WHOLE.format(time.name, step))]
-                if 0 < step < SHORTEST_STEP_S or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name):
+                if 0 < step < STEPS_S[0] or step >= STEPS_S[1] or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name):
                     return [Question("--unit", "time", "ms", _UNKNOWN.format(time.name, step))]
-            if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
-                return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
     return []
 
 
@@ -284,8 +281,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
                     f"{values.size}, and nothing says when each was taken; export them with their times"
                 )
             continue
-        times, rate, more = times_of(channel, time, recording, recipe)
-        lines += more
+        times, rate, more, doubts = times_of(channel, time, recording, recipe)
+        lines, warnings = [*lines, *more], (*warnings, *doubts)
         series.append(Series(channel.name, times, values, rate))
     missing = [
         int(np.count_nonzero(np.isnan(c.values) & np.isfinite(x.time_s)))

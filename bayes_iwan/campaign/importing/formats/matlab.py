@@ -16,7 +16,7 @@ import numpy as np
 
 from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
-from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
+from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, from_first, library
 from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
@@ -206,13 +206,15 @@ def _recordings(
     units: Mapping[str, str],
     names: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Recording]:
+    values, first = from_first([v for _, v in arrays])
+    arrays = [(k, x) for (k, _), x in zip(arrays, values)]
     channels: list[Channel | None] = []
     rate = None
     numbers = {k: float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1}
     own_rates = {k: r for k, x in numbers.items() if (r := stated_rate([f"{_leaf(k)} = {x!r}"]))}
     starts = {k: x for k, x in numbers.items() if STARTS.fullmatch(_leaf(k)) and "." in k}
     starts = {k: x for k, x in starts.items() if abs(x) < LATEST_S or YEARS_S[0] < x < YEARS_S[1]}
-    began = x if (x := min(starts.values(), default=0.0)) > LATEST_S else None
+    began = x if (x := min(starts.values(), default=0.0)) > LATEST_S else first
     vectors = [k for k, v in arrays if np.size(v) > 1]
     rates = list(own_rates.values())
     if len({round(np.log(x), 9) for x in rates}) == 1:

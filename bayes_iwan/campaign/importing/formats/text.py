@@ -17,6 +17,7 @@ from bayes_iwan.campaign.importing.formats.lvm import END_OF_HEADER, read_lvm
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
     MISSING,
+    REMARK,
     SEPARATORS,
     Layout,
     Style,
@@ -73,7 +74,7 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     )
     start = len("\n".join(head[:first])) + (1 if first else 0)
     body, below = _without_summary(text[start:], style)
-    body, remarks = _without_remarks(body)
+    body, remarks = _without_remarks(body, style)
     remarks = (*remarks, *below)
     table, notes = _numbers(file, body, style, max(width, len(names)), first)
     if table is not None:
@@ -83,6 +84,8 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     lines = body.split("\n")
     for k, (a, b, over) in enumerate(_blocks(file, lines, style, width, first), 1):
         own, own_units = names_and_units(over, style, width) if over else (names, units)
+        if len(own) != width and not words_of_roles(own):
+            own, own_units = names, units  # a remark
         table, notes = _numbers(file, "\n".join(lines[a:b]) + "\n", style, max(width, len(own)), first + a)
         if table is None:  # a cell that is neither: said with its line
             _numbers(file, "\n".join(lines[a:b]) + "\n", style, max(width, len(own)), first + a, strict=True)
@@ -127,12 +130,10 @@ def _without_summary(body: str, style: Style) -> tuple[str, tuple[str, ...]]:
     return "\n".join(lines[:end]) + "\n", (f"{len(words)} line(s) of words below the table dropped",)
 
 
-def _without_remarks(body: str) -> tuple[str, tuple[str, ...]]:
+def _without_remarks(body: str, style: Style) -> tuple[str, tuple[str, ...]]:
     """The body with lines that begin as remarks do made empty, and a word on them."""
-    if not re.search(r"\n[ \t]*(#|//|!|%)", body):
-        return body, ()
-    body, n = re.subn(r"(?m)^[ \t]*(#(?!IND|N/A|INF|OVER)|//|!|%).*$", "", body)
-    return body, (f"{n} line(s) of remarks dropped",)
+    body, n = re.subn(rf"(?m)^[ \t]*(?!#(?:IND|N/A|INF|OVER))(?!{re.escape(style.separator)}){REMARK}.*$", "", body)
+    return body, (f"{n} line(s) of remarks dropped",) if n else ()
 
 
 def _numbers(

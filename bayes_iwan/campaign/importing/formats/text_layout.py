@@ -25,6 +25,7 @@ _BELOW = {"under", "underflow", "underrange"}
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", r"\s+": "blanks"}
 NAMED = {"tab": "\t", "tabs": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "blank": r"\s+", "blanks": r"\s+"}
 NAMED |= {"space": r"\s+", "spaces": r"\s+", "bar": "|"}
+REMARK = r"(?:#|//|!|%|;|')"  # what a line of remarks begins with
 MARKS = {  # digits are matched in one way only: a cell of 60,000 of them would take minutes otherwise
     ".": re.compile(r"(?:[+-] *)?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?"),
     ",": re.compile(r"(?:[+-] *)?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?"),
@@ -276,12 +277,14 @@ def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[st
         return names, _bare(units)
     fitting: list[list[str]] = []
     for line in reversed([line for line in lines if re.search(r"[^\W_]", line)]):
-        line = re.sub(r"^\s*(#|//|%|!)\s*", "", line)
+        line = re.sub(rf"^\s*(?!{re.escape(style.separator)}){REMARK}\s*", "", line)
         cells = style.cells(line)
         if style.separator == r"\s+" and len(cells) > width == len(spaced := re.split(r"\t|\s{2,}", line.strip())):
             cells = spaced  # names of several words, or with a unit
         if len(cells) > width and (whole := _OUTSIDE.split(line)) and len(whole) == width:
             cells = [cell.strip().strip('"') for cell in whole]  # "Position(0,1) (mm)" is one
+        while len(cells) > width and not re.search(r"\w", cells[0]):
+            cells = cells[1:]  # what marks a remark
         if len(cells) < width or (len(fitting) and len(cells) < len(fitting[0]) - 1):
             break
         fitting.append(cells)
