@@ -16,7 +16,8 @@ import numpy as np
 
 from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
-from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, from_first, library
+from bayes_iwan.campaign.importing.formats.stamps import seconds
+from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording, channel, from_first, library
 from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
@@ -212,7 +213,8 @@ def _recordings(
     rate = None
     numbers = {k: float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1}
     own_rates = {k: r for k, x in numbers.items() if (r := stated_rate([f"{_leaf(k)} = {x!r}"]))}
-    starts = {k: x for k, x in numbers.items() if STARTS.fullmatch(_leaf(k)) and "." in k}
+    stamps = {k: x[2] for k, text in texts.items() if (x := seconds([text])) is not None}
+    starts = {k: x for k, x in (numbers | stamps).items() if STARTS.fullmatch(_leaf(k)) and "." in k}
     starts = {k: x for k, x in starts.items() if abs(x) < LATEST_S or YEARS_S[0] < x < YEARS_S[1]}
     began = x if (x := min(starts.values(), default=0.0)) > LATEST_S else first
     vectors = [k for k, v in arrays if np.size(v) > 1]
@@ -239,9 +241,8 @@ def _recordings(
     kept = [c for c in channels if c is not None]
     if not kept:
         raise CampaignError(f"{file}: no signals of 16 samples or more in it: {otherwise}")
-    said = not_applied(
-        [*(f"{k} = {x:g}" for k, x in numbers.items() if k not in starts), *map(" = ".join, texts.items())]
-    )
+    short = [(k, x) for k, v in arrays if np.size(v) < FEWEST_SAMPLES and k not in starts for x in np.real(np.ravel(v))]
+    said = not_applied([*(f"{k} = {float(x):g}" for k, x in short), *map(" = ".join, texts.items())])
     return [replace(x, warnings=said, began_s=began) for x in _parts(file, kept, what)]
 
 
