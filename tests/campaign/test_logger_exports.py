@@ -298,7 +298,11 @@ def test_what_is_asked_of_channels_that_are_not_chosen_yet_is_asked_at_once(tmp_
         ("Sample rate: 5000 Hz\nSaved: every 10th sample\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
         ("Sample rate: 5000 Hz\nDecimation factor: 10\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
         ("Sample rate: 5000 Hz\nSave every 10 samples\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
-        ("Time,Disp (mm),Force (N)", (0.78125 * np.arange(N), X, F), "'Time' goes up by 0.7812 a row and states no unit"),
+        (
+            "Time,Disp (mm),Force (N)",
+            (0.78125 * np.arange(N), X, F),
+            "'Time' goes up by 0.7812 a row and states no unit",
+        ),
         ("Sample rate: 5000 Hz\nAveraging: 10\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
         ("Scan rate: 5000 Hz\nStorage rate: 500 Hz\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
         ("Sample rate: 30000 /min\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
@@ -445,6 +449,60 @@ def test_a_column_that_is_a_channel_s_own_time_by_its_name(tmp_path):
     head = "t_disp,disp_mm,t_force,force_N"
     (tmp_path / "a.csv").write_text(table([head], T[:-k], X[:-k], T[k:], F[k:]))
     (test,) = import_tests([tmp_path / "a.csv"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+
+
+def test_two_channels_of_one_role_and_unit_are_asked_of_whatever_their_names(tmp_path):
+    head = "Time (s),Stroke (mm),Extensometer (mm),Force (N)"
+    (tmp_path / "a.csv").write_text(table([head], T, 1.5 * X, X, F))
+    with pytest.raises(ImportAsks, match=r"Which channel is the displacement: Stroke \(mm\), Extensometer"):
+        import_tests([tmp_path / "a.csv"])
+
+
+def test_a_table_of_gains_above_the_numbers_is_warned_of(tmp_path):
+    head = ["Channel;Unit;Gain", "Disp;mm;1", "Force;N;10", "", "Time (s);Disp (mm);Force (N)"]
+    (tmp_path / "a.csv").write_text(table(head, T, X, F, separator=";"))
+    (test,) = import_tests([tmp_path / "a.csv"])
+    assert [w for w in test.record.warnings if "not applied" in w] == [
+        "the file states 'Force Gain: 10', which is not applied: if the numbers do not hold it yet, say so with --gain "
+        "or --unit"
+    ]
+
+
+LVM_HEAD = ["LabVIEW Measurement", "Separator\tTab", "***End_of_Header***", "", "Channels\t2"]
+
+
+@pytest.mark.parametrize(
+    ("said", "found"),
+    [
+        (
+            ["Delta_X\t0.002\t0.002", f"Samples\t{2 * N}\t{2 * N}"],
+            f"has {N} of {2 * N} samples that segment 1 announces",
+        ),
+        (["Delta_X\t1.0\t1.0"], "neither a time channel"),
+        (["Delta_X\t2.0\t2.0", "X_Unit_Label\tms\tms"], ""),
+        (["Delta_X\t2.0\t2.0", "X_Unit_Label\tmm\tmm"], "x axis is in 'mm', which is no time"),
+    ],
+)
+def test_labview_steps_in_other_units_steps_that_nobody_set_and_files_cut_off(tmp_path, said, found):
+    head = [*LVM_HEAD[:2], "X_Columns\tNo", *LVM_HEAD[2:], "Y_Unit_Label\tmm\tN", *said, "***End_of_Header***"]
+    text = table([*head, "X_Value\tWeg\tKraft\tComment"], [""] * N, X, F, separator="\t")
+    (tmp_path / "a.lvm").write_text(text)
+    if "samples" in found or not found:
+        (test,) = import_tests([tmp_path / "a.lvm"])
+        assert test.loop.frequency_hz == pytest.approx(FREQUENCY, rel=1e-3)
+        assert bool(found) == any(found in w for w in test.record.warnings)
+    else:
+        with pytest.raises(CampaignError, match=found):
+            import_tests([tmp_path / "a.lvm"])
+
+
+def test_labview_channels_of_one_x_column_whose_starts_differ(tmp_path):
+    k = 8
+    head = [*LVM_HEAD[:2], "X_Columns\tOne", *LVM_HEAD[2:], "Y_Unit_Label\tmm\tN", "X0\t0.0\t0.016"]
+    head += ["Delta_X\t0.002\t0.002", "***End_of_Header***", "X_Value\tWeg\tKraft\tComment"]
+    (tmp_path / "a.lvm").write_text(table(head, T[:-k], X[:-k], F[k:], separator="\t"))
+    (test,) = import_tests([tmp_path / "a.lvm"])
     assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
 
 

@@ -247,7 +247,11 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
                 continue
             if not recipe.units.get("time", time.unit):
                 step = float(np.median(steps))
-                if 0 < step < STEPS_S[0] or step >= STEPS_S[1] or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name):
+                if (
+                    0 < step < STEPS_S[0]
+                    or step >= STEPS_S[1]
+                    or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name)
+                ):
                     return [Question("--unit", "time", "ms", _UNKNOWN.format(time.name, step))]
     return []
 

@@ -98,7 +98,9 @@ class Posterior:
     stretch: float = 1.0
 
     def __repr__(self) -> str:
-        return "\n".join((self._title(), *(f"  {row}" for row in self._shown()), *map(wrapped, self.warnings())))
+        return "\n".join(
+            (wrapped(self._title()), *(f"  {row}" for row in self._shown()), *map(wrapped, self.warnings()))
+        )
 
     def _repr_html_(self) -> str:
         cells = "".join(f"<tr><td><pre>{escape(row)}</pre></td></tr>" for row in self._shown())

@@ -76,6 +76,7 @@ def _segment(
     if late and own_x == "One":
         own_x = "No"  # one column of times from each channel's own start: these say when each sample was taken
     channels = []
+    warnings: tuple[str, ...] = ()
     for place, k in enumerate(columns):
         clock, where = of("X_Unit_Label", place), f"{file} segment {number}: {names[k]!r}"
         rate, start = axis(number_of("Delta_X", place) or 0.0, number_of("X0", place) or 0.0, clock, where)
@@ -84,11 +85,14 @@ def _segment(
             x = values[k - 1]
             channels.append(channel("X_Value", clock or "s", x[np.isfinite(x)], None, None, group))
         y = values[k]
-        samples = number_of("Samples", place)
-        if samples is not None and own_x == "Multi":
-            y = y[: int(samples)]
+        samples, there = int(number_of("Samples", place) or 0), int(np.count_nonzero(np.isfinite(y)))
+        if samples and own_x == "Multi":
+            y = y[:samples]
+        if there < samples:
+            cut = f"{there} of {samples} samples that segment {number} announces: cut off or damaged; export it again"
+            warnings = (*warnings, f"{names[k]!r} has {cut}")
         offset = float(began[0][place]) if began is not None else 0.0
         channels.append(channel(names[k], of("Y_Unit_Label", place), y, rate, start + offset, group))
     kept = tuple(c for c in channels if c is not None)
-    note = f"LabVIEW, segment {number}"
-    return Recording(file, f"segment {number}", kept, (note,), began_s=None if began is None else began[2])
+    note, since = f"LabVIEW, segment {number}", None if began is None else began[2]
+    return Recording(file, f"segment {number}", kept, (note,), warnings=warnings, began_s=since)

@@ -38,7 +38,9 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
             said = source.properties  # DAQmx writes the second name
             unit = str(said.get("unit_string") or said.get("NI_UnitDescription") or "")
             of_x, where = str(said.get("wf_xunit_string") or ""), f"{file}: {source.name!r}"
-            rate, offset = axis(float(said.get("wf_increment") or 0), float(said.get("wf_start_offset") or 0), of_x, where)
+            rate, offset = axis(
+                float(said.get("wf_increment") or 0), float(said.get("wf_start_offset") or 0), of_x, where
+            )
             start = float(late[0] / np.timedelta64(1, "s"))
             if np.isnan(start):  # of the others' clock nothing is known, unless none has one
                 start = None if began is not None or "wf_start_offset" not in said else 0.0

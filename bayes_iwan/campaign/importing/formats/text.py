@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -285,7 +285,15 @@ def _recording(
         clocks, said, first = _clocks({k: table[k] for k in used if k not in numeric}, names)
         channels, notes, began = channels | clocks, (*notes, *said), first if clocks else began
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
-    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside]), began)
+    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside, *_tabled(above, style)]), began)
+
+
+def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
+    """What a table above the numbers states of single channels: "Force gain: 10" of a row Force below a head Gain."""
+    rows = [style.cells(line) for line in above]
+    for at, head in enumerate(rows):
+        for row in rows[at + 1 :]:
+            yield from (f"{row[0]} {x}: {y}" for x, y in zip(head[1:], row[1:]) if x and style.is_number(y))
 
 
 def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:
