@@ -43,12 +43,8 @@ def times_of(
     where, n = recording.where, channel.values.size
     warnings: tuple[str, ...] = ()
     if not recipe.clock:
-        return (
-            np.arange(n, dtype=float),
-            None,
-            ["time: none; a cycle is the unit of time, and nothing says a frequency"],
-            (),
-        )
+        said = "time: none; a cycle is the unit of time, and nothing says a frequency"
+        return np.arange(n, dtype=float), None, [said], ()
     asked, from_file = recipe.rate_hz, channel.rate_hz or recording.rate_hz
     if clock is None:
         if asked is not None and from_file is not None and abs(asked / from_file - 1) > SAME_RATE:

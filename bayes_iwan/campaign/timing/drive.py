@@ -115,8 +115,8 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
 
 
 def _pauses(time_s: Array, values: Array, small: float, times: Array) -> list[tuple[int, int]]:
-    """Where values (n,) stay within +-small for most of a usual cycle or longer, or still for a part of it: index of the
-    first and past the last sample of each pause."""
+    """Where values (n,) stay within +-small for most of a usual cycle or longer, or still for a part of it: index of
+    the first and past the last sample of each pause."""
     if times.size < FEWEST:
         return []
     period = float(np.median(np.diff(times)))

@@ -72,7 +72,7 @@ def _segment(
         raise CampaignError(f"{file} segment {number}: X is {shown(other[0])}, no time; write time histories")
     clocks, dates = ([of(key, place) for place in range(len(columns))] for key in ("Time", "Date"))
     began = seconds(clocks, dates if all(dates) else None) if clocks and all(clocks) else None
-    late = began is not None and began[0].any() or len({number_of("X0", place) for place in range(len(columns))}) > 1
+    late = (began is not None and began[0].any()) or len({number_of("X0", place) for place in range(len(columns))}) > 1
     if late and own_x == "One":
         own_x = "No"  # one column of times from each channel's own start: these say when each sample was taken
     channels = []
