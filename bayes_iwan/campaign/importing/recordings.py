@@ -4,6 +4,7 @@ import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -97,7 +98,8 @@ def axis(step: float, start: float, unit: str, where: str) -> tuple[float | None
 
 def from_first(arrays: Sequence[ArrayLike]) -> tuple[list[Array], float | None]:
     """Arrays with moments as durations since the first of all, and that one in seconds since 1970, None for none."""
-    given, zero = [np.asarray(x) for x in arrays], np.datetime64(0, "ns")
+    given: list[Any] = [np.asarray(x) for x in arrays]
+    zero = np.datetime64(0, "ns")
     known = [x[~np.isnat(x)] for x in given if x.dtype.kind == "M"]
     first = min((x.min() for x in known if x.size), default=None)
     began = None if first is None else float((first - zero) / np.timedelta64(1, "s"))

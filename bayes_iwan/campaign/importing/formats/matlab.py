@@ -178,7 +178,7 @@ def flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     if hasattr(value, "columns") and hasattr(value, "to_numpy"):  # a table or timetable, by mat-io
         if type(value.index).__name__ != "RangeIndex":
             value = value.reset_index()
-        value = {str(name): _seconds(value[name].to_numpy()) for name in value.columns}
+        value = {str(name): value[name].to_numpy() for name in value.columns}
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from flat(f"{prefix}.{key}" if prefix else str(key), inner, depth + 1)
@@ -186,16 +186,11 @@ def flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         yield prefix, value
     elif isinstance(value, int | float):
         yield prefix, np.asarray(value)
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "iufcM":
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "iufcmM":
         yield prefix, value
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for k, inner in enumerate(value if isinstance(value, list) else value.flat, 1):
             yield from flat(f"{prefix}({k})", inner, depth + 1)
-
-
-def _seconds(values: np.ndarray) -> np.ndarray:
-    """Durations as seconds; anything else as it is."""
-    return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
 
 
 def _recordings(
@@ -207,13 +202,13 @@ def _recordings(
     units: Mapping[str, str],
     names: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Recording]:
-    values, first = from_first([v for _, v in arrays])
-    arrays = [(k, x) for (k, _), x in zip(arrays, values)]
+    plain, first = from_first([v for _, v in arrays])
+    arrays = [(k, x) for (k, _), x in zip(arrays, plain)]
     channels: list[Channel | None] = []
     rate = None
     numbers = {k: float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1}
     own_rates = {k: r for k, x in numbers.items() if (r := stated_rate([f"{_leaf(k)} = {x!r}"]))}
-    stamps = {k: x[2] for k, text in texts.items() if (x := seconds([text])) is not None}
+    stamps = {k: found[2] for k, text in texts.items() if (found := seconds([text])) is not None}
     starts = {k: x for k, x in (numbers | stamps).items() if STARTS.fullmatch(_leaf(k)) and "." in k}
     starts = {k: x for k, x in starts.items() if abs(x) < LATEST_S or YEARS_S[0] < x < YEARS_S[1]}
     began = x if (x := min(starts.values(), default=0.0)) > LATEST_S else first

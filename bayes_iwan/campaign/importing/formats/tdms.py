@@ -41,10 +41,10 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
             rate, offset = axis(
                 float(said.get("wf_increment") or 0), float(said.get("wf_start_offset") or 0), of_x, where
             )
-            start = float(late[0] / np.timedelta64(1, "s"))
-            if np.isnan(start):  # of the others' clock nothing is known, unless none has one
-                start = None if began is not None or "wf_start_offset" not in said else 0.0
-            one = channel(source.name, unit, values, rate, None if start is None else start + offset, group)
+            start: float | None = offset + float(late[0] / np.timedelta64(1, "s"))
+            if np.isnat(late[0]):  # of the others' clock nothing is known, unless none has one
+                start = offset if began is None and "wf_start_offset" in said else None
+            one = channel(source.name, unit, values, rate, start, group)
             if one is not None:
                 groups.setdefault(group, []).append(one)
     except CampaignError:

@@ -326,16 +326,12 @@ def labelled(lines: Sequence[str], style: Style, width: int, label: re.Pattern[s
 
 def _is_units(cells: Sequence[str], style: Style) -> bool:
     """Whether a row is one of units; of many cells a few may be what no unit is (segments, gpm)."""
-    strange = [c for c in cells if not (is_unit(c) or _scale(c, style))]
+    # oscilloscopes write a count of samples there besides, or their start and step
+    strange = [c for c in cells if not (is_unit(c) or c.lower() == "sequence" or style.is_number(c))]
     if strange:
         others = sum(not named(c, "time") and c.lower().strip(".") != "no" for c in strange)
         return 3 * others <= len(cells) and sum(role_of(c) is not None or is_volts(c) for c in cells) > 1
     return any(cells) and not all(map(style.is_number, cells))
-
-
-def _scale(cell: str, style: Style) -> bool:
-    """What oscilloscopes write in the row of units besides: a count of samples, or their start and step."""
-    return cell.lower() == "sequence" or style.is_number(cell)
 
 
 def _bare(cells: list[str]) -> list[str]:
