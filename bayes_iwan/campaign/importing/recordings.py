@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayes_iwan.arrays import Array, brief
-from bayes_iwan.campaign.importing.unit_texts import converted, role_of, split_name
+from bayes_iwan.campaign.importing.unit_texts import converted, is_unit, role_of, split_name
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal
@@ -88,11 +88,13 @@ def channel(
 def axis(step: float, start: float, unit: str, where: str) -> tuple[float | None, float]:
     """Samples a second and start in s of a channel whose axis has a step and a start in some unit, or in s.
 
-    None for a step of exactly 1 s: programs write it where none was set. Raises CampaignError for what is no time.
+    None for a step of exactly 1 s: programs write it where none was set. Raises CampaignError for a unit of no time.
     """
-    if unit and role_of(unit) != "time":
-        raise CampaignError(f"{where}: its x axis is in {shown(unit)}, which is no time; write time histories")
-    (step, start), _ = converted(np.array([step, start]), unit or "s", "", "time", where)
+    if role_of(unit) != "time":
+        if unit.strip() and is_unit(unit):
+            raise CampaignError(f"{where}: its x axis is in {shown(unit)}, which is no time; write time histories")
+        unit = "s"
+    (step, start), _ = converted(np.array([step, start]), unit, "", "time", where)
     return (1 / float(step) if step > 0 and step != 1 else None), float(start)
 
 
