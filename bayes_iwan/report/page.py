@@ -82,6 +82,10 @@ def anchor_of(heading: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-") or "section"
 
 
+#: a cell of a table that is a number, with whatever error or unit
+_NUMERIC = re.compile(r"[−+-]?[\d.,  ]+(?:e[−-]?\d+)?(?: ?[%–±].*)?|–|∞|nan|")
+
+
 class Section(Generic[Results]):
     """One section of a page: the results that it says, and the block of its class's name in its page's template.
 
@@ -181,7 +185,7 @@ class Body:
         the script for it (:meth:`Page.sorting`).
         """
         rows = [[self._said(cell) if isinstance(cell, str) else cell for cell in row] for row in rows]
-        numeric = [bool(rows) and all(_numeric(row[i]) for row in rows) for i in range(len(columns))]
+        numeric = [bool(rows) and all(_NUMERIC.fullmatch(str(row[i])) for row in rows) for i in range(len(columns))]
         head, caption = list(zip(map(self._said, columns), numeric)), self._said(caption)
         shown = {"row_heads": row_heads, "fold": fold, "sortable": sortable}
         return self.html(template("table.html", columns=head, rows=rows, caption=caption, numeric=numeric, **shown))
@@ -194,10 +198,6 @@ class Body:
         self.page.script(asset("viewer.js"), "viewer-data", content)
         names = [self._said(test["name"]) for test in data["tests"]]
         return self.html(template("viewer.html", tests=names, effects=data.get("effects", ())))
-
-
-def _numeric(cell: object) -> bool:
-    return bool(re.fullmatch(r"[−+-]?[\d.,  ]+(?:e[−-]?\d+)?(?: ?[%–±].*)?|–|∞|nan|", str(cell)))
 
 
 #: names from files may hold what steers a terminal that shows a page's source

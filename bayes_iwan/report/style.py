@@ -131,9 +131,15 @@ _WISH: ContextVar[_Wish] = ContextVar("wish", default=_NOTHING)
 
 
 def unset_rc() -> Any:
-    """This module's settings where the user's rcParams are still matplotlib's own; what a user has set stands."""
+    """This module's settings where the user's rcParams are still matplotlib's own; what a user has set stands, and a
+    size of letters that is set is the measure of those of titles, labels and legends."""
     default = mpl.rcParamsDefault
-    return {key: value for key, value in RC.items() if mpl.rcParams[key] == default[key]}
+    own = {key: value for key, value in RC.items() if mpl.rcParams[key] == default[key]}
+    grown = 1.0 if "font.size" in own else mpl.rcParams["font.size"] / RC["font.size"]
+    return {
+        key: value * grown if key.endswith(("titlesize", "labelsize", "fontsize")) else value
+        for key, value in own.items()
+    }
 
 
 def styled(make: F) -> F:

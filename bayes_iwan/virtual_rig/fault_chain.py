@@ -112,17 +112,13 @@ def _delayed(filtered: Callable[[float], Transfer]) -> Callable[[Parameters], Ac
     return lambda p: Acting(chain=(_force if p["delay_s"] > 0 else _displacement)(filtered(abs(p["delay_s"]))))
 
 
-def _all_pass(delay_s: float) -> Transfer:
-    return (-0.5 * delay_s, 1.0), (0.5 * delay_s, 1.0)
-
-
 DELAY = FaultKind(
     "channel_delay",
     "delay_s",
     linear(lambda s: 0.004),
     (
         Law("pure", lambda p: Acting(chain=Chain(delay_s=p["delay_s"]))),
-        Law("all_pass", _delayed(_all_pass)),
+        Law("all_pass", _delayed(lambda t: ((-0.5 * t, 1.0), (0.5 * t, 1.0)))),
         Law("second_order", _delayed(lambda t: ((1.0,), (0.36 * t * t, t, 1.0)))),
     ),
     signed=True,

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.virtual_rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear, log_uniform
+from bayes_iwan.virtual_rig.fault import Acting, FaultKind, Law, Parameters, linear, log_uniform
 from bayes_iwan.virtual_rig.kernel import FaultValues
 
 # ---- friction that falls with slip speed
@@ -175,17 +175,13 @@ def _directional(p: Parameters) -> Acting:
     )
 
 
-def _moderate_speed(rng: np.random.Generator, s: Surroundings) -> Parameters:
-    return {"speed_mm_s": float(rng.uniform(0.1, 0.4)) * s.speed_mm_s}
-
-
 DIRECTION = FaultKind(
     "direction_dependent_friction",
     "asymmetry",
     linear(lambda s: 0.45),
     (
         Law("limits", _directional),
-        Law("with_speed", _directional, _moderate_speed),
+        Law("with_speed", _directional, lambda g, s: {"speed_mm_s": float(g.uniform(0.1, 0.4)) * s.speed_mm_s}),
         Law("with_position", _directional,
             lambda g, s: {"slope_1_mm": float(g.choice([-1, 1]) * g.uniform(0.3, 0.8)) / s.largest_mm}),
     ),

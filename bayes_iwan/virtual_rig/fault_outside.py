@@ -111,10 +111,6 @@ def _debris(p: Parameters) -> Acting:
     return Acting(motion=FaultValues(fade_stiffness=1.0), fade_factor=lambda n: np.interp(n, np.arange(402.0), factor))
 
 
-def _two_ranges(p: Parameters) -> Acting:
-    return Acting(chain=Chain(saturation=lambda f: f * (1.0 + p["gain_error"] * (np.abs(f) > p["change_N"]))))
-
-
 def _seed(rng: np.random.Generator, s: Surroundings) -> Parameters:
     return {"draw": float(rng.integers(2**31))}
 
@@ -169,7 +165,8 @@ KINDS = (
     # gains
     _one("range_switching", "gain", "sd_share", lambda s: 0.12,
          lambda p: Acting(gain_scatter=(p["sd_share"], int(p["draw"]))), _seed),
-    _one("two_ranges", "gain", "gain_error", lambda s: 0.3, _two_ranges,
+    _one("two_ranges", "gain", "gain_error", lambda s: 0.3,
+         lambda p: Acting(chain=Chain(saturation=lambda f: f * (1.0 + p["gain_error"] * (np.abs(f) > p["change_N"])))),
          lambda g, s: {"change_N": float(g.uniform(0.3, 0.8)) * s.force_peak_N}),
     _one("amplitude_gain", "gain", "gain_error", lambda s: 0.3,
          lambda p: Acting(amplitude_gain=lambda a: 1.0 + p["gain_error"] * a / p["largest_mm"]),

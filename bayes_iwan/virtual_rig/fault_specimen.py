@@ -236,14 +236,6 @@ END_STOP = FaultKind(
 # ---- springs that soften along a record
 
 
-def _warming(p: Parameters) -> Acting:
-    return Acting(motion=FaultValues(warming_1_s=p["drop"] / p["tau_s"], warming_tau=p["tau_s"]))
-
-
-def _steadily(p: Parameters) -> Acting:
-    return Acting(motion=FaultValues(warming_1_s=p["drop"] / p["record_s"]))
-
-
 def _by_power(p: Parameters) -> Acting:
     """With the power that friction turns to heat: the drop is that at the reference power."""
     return Acting(motion=FaultValues(heat_loss_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"]))
@@ -258,8 +250,11 @@ SOFTENING = FaultKind(
     "drop",
     linear(lambda s: 0.5),
     (
-        Law("settles", _warming, evolves=True),
-        Law("steadily", _steadily, lambda g, s: {"record_s": s.record_s}, True),
+        Law("settles",
+            lambda p: Acting(motion=FaultValues(warming_1_s=p["drop"] / p["tau_s"], warming_tau=p["tau_s"])),
+            evolves=True),
+        Law("steadily", lambda p: Acting(motion=FaultValues(warming_1_s=p["drop"] / p["record_s"])),
+            lambda g, s: {"record_s": s.record_s}, True),
         Law("friction_heat", _by_power, _draw_heat, True),
     ),
     lambda g, s: {"tau_s": log_uniform(g, 0.1, 0.6) * s.record_s},

@@ -536,7 +536,7 @@ def test_a_time_in_whole_numbers_without_a_unit_is_asked_of(tmp_path):
     p = 2 * np.pi * np.arange(400) / 40
     head = "Time,Weg (mm),Kraft (N)"
     path = _table(tmp_path, head, [str(2 * k) for k in range(400)], _digits(np.sin(p)), _digits(np.sin(p + 0.4)))
-    with pytest.raises(ImportAsks, match="is it s, ms or us"):
+    with pytest.raises(ImportAsks, match="is it s, ms, us"):
         import_tests([path])
     (test,) = import_tests([path], Recipe(units={"time": "ms"}))
     assert test.rate_hz == pytest.approx(500.0) or test.record.time_s[1] == pytest.approx(0.002)

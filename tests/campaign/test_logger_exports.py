@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError
-from bayes_iwan.campaign.importing import Recipe, import_tests
+from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
 
 RATE, N, AMPLITUDE, FREQUENCY = 500.0, 1000, 1.25, 5.0
 T = np.arange(N) / RATE
@@ -296,6 +296,13 @@ def test_what_is_asked_of_channels_that_are_not_chosen_yet_is_asked_at_once(tmp_
     [
         ("Sample rate: 5000 Hz\nDecimation: 10\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
         ("Sample rate: 5000 Hz\nSaved: every 10th sample\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Sample rate: 5000 Hz\nDecimation factor: 10\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Sample rate: 5000 Hz\nSave every 10 samples\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        (
+            "Time,Disp (mm),Force (N)",
+            (0.78125 * np.arange(N), X, F),
+            "'Time' goes up by 0.7812 a row and states no unit",
+        ),
         ("Sample rate: 5000 Hz\nAveraging: 10\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
         ("Scan rate: 5000 Hz\nStorage rate: 500 Hz\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
         ("Sample rate: 30000 /min\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
@@ -320,6 +327,191 @@ def test_a_rate_that_a_time_channel_contradicts_is_not_passed_over(tmp_path):
         import_tests([tmp_path / "a.csv"], Recipe(sample_rate_hz=500))
     (test,) = import_tests([tmp_path / "a.csv"], Recipe(sample_rate_hz=500, channels={"time": "none"}))
     assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+
+
+@pytest.mark.parametrize(
+    ("head", "times"),
+    [
+        ("Time (s)", [f"{t:.3g}" for t in T]),  # coarser from 1 s on
+        ("Time (s)", [f"{t:.2f}" for t in T]),
+        ("Time", [f"{1e3 * t + 1e6:.6g}" for t in T]),  # in ms, of which two digits are gone
+        ("Time", [f"{t / 60 + 166:.2f}" for t in T]),  # in minutes: four times in all
+        ("Time (s)", [f"{t:.3f}" for t in 0.1 * T]),
+    ],
+)
+def test_a_time_rounded_too_far_is_read_with_the_rate_that_is_asked_for(tmp_path, head, times):
+    rate = RATE if times[1] != "0.000" or times[-1] > "1" else 10 * RATE
+    (tmp_path / "a.csv").write_text(table([f"{head},Disp (mm),Force (N)"], times, X, F))
+    with pytest.raises(ImportAsks, match="it is rounded too far") as asked:
+        import_tests([tmp_path / "a.csv"])
+    assert [q.option for q in asked.value.questions] == ["--sample-rate"]
+    (test,) = import_tests([tmp_path / "a.csv"], Recipe(sample_rate_hz=rate))
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+    assert test.loop.frequency_hz == pytest.approx(FREQUENCY * rate / RATE, rel=1e-3)
+
+
+def test_rows_lost_from_a_rounded_time_are_not_passed_over(tmp_path):
+    there = np.delete(np.arange(N), np.arange(400, 430))  # 0.06 s
+    times = [f"{t:.2f}" for t in T[there]]
+    (tmp_path / "a.csv").write_text(table(["Time (s),Disp (mm),Force (N)"], times, X[there], F[there]))
+    with pytest.raises(CampaignError, match="does not increase"):
+        import_tests([tmp_path / "a.csv"], Recipe(sample_rate_hz=RATE))
+
+
+def test_a_rate_that_the_time_contradicts_is_warned_of(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["Sample rate: 1000 Hz", "Time (s),Disp (mm),Force (N)"], T, X, F))
+    (test,) = import_tests([tmp_path / "a.csv"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+    assert any("1000 samples a second, its time 500: the time is used" in w for w in test.record.warnings)
+
+
+@pytest.mark.parametrize(
+    ("mark", "separator"), [(";", ","), (";", "\t"), (";", " "), ("'", ","), ("'", ";"), ("--", " "), ("@", " ")]
+)
+def test_lines_that_begin_as_remarks_do(tmp_path, mark, separator):
+    names = separator.join(["time_s", "disp_mm", "force_N"])
+    text = table([f"{mark} Rig 3", names], T, X, F, separator=separator)
+    text = text.replace("\n0.6", f"\n{mark} the operator paused here\n0.6", 1)
+    (tmp_path / "a.csv").write_text(text)
+    (test,) = import_tests([tmp_path / "a.csv"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003) and test.record.time_s.size == N
+    (tmp_path / "a.csv").write_text(table([f"{mark} {names}"], T, X, F, separator=separator))
+    assert energy(import_tests([tmp_path / "a.csv"])[0]) == pytest.approx(ENERGY_NMM, rel=0.003)
+
+
+def test_json_recordings_of_a_folder_are_read_and_json_remarks_are_not(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["time_s,disp_mm,force_N"], T, X, F))
+    (tmp_path / "b.json").write_text(json.dumps({"time_s": _T, "disp_mm": [0.9 * x for x in _X], "force_N": _F}))
+    (tmp_path / "rig.json").write_text(json.dumps({"operator": "me", "gains": [1, 2, 3]}))
+    assert [x.record.file for x in import_tests([tmp_path])] == ["a.csv", "b.csv"]
+
+
+@pytest.mark.parametrize("clock", ["moments", "starts"])
+def test_stamps_of_channels_that_began_apart(tmp_path, clock):
+    """The force began 16 ms late, by moments of each channel or by the stamp of each one's start."""
+    k, day = 8, np.datetime64("2025-03-14T09:26:53.589")
+    stamps = [str(day + np.timedelta64(int(1e6 * t), "us")) for t in T]
+    parts = [{"disp_mm": _X[:-k]}, {"force_N": _F[k:]}]
+    for part, own in zip(parts, (stamps[:-k], stamps[k:])):
+        part.update({"time": own} if clock == "moments" else {"start_time": own[0], "dt": 1 / RATE})
+    (tmp_path / "a.json").write_text(json.dumps(dict(zip(("laser", "cell"), parts))))
+    (test,) = import_tests([tmp_path / "a.json"], Recipe(units={"displacement": "mm", "force": "N"}))
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+    assert any("starts 0.016 s after" in w for w in test.record.warnings)
+
+
+def _tdms(path, *channels):
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([nptdms.ChannelObject(*some) for some in channels])
+    return [path]
+
+
+def test_tdms_steps_in_other_units_and_steps_that_nobody_set(tmp_path):
+    def rig(**said):
+        both = (("r", "Weg", X, {"unit_string": "mm", **said}), ("r", "Kraft", F, {"unit_string": "N", **said}))
+        return _tdms(tmp_path / "a.tdms", *both)
+
+    (test,) = import_tests(rig(wf_increment=2.0, wf_xunit_string="ms"))
+    assert test.loop.frequency_hz == pytest.approx(FREQUENCY, rel=1e-3)
+    with pytest.raises(ImportAsks, match="neither a time channel"):
+        import_tests(rig(wf_increment=1.0))
+    with pytest.raises(CampaignError, match="x axis is in 'Hz', which is no time"):
+        import_tests(rig(wf_increment=0.5, wf_xunit_string="Hz"))
+    (test,) = import_tests(rig(wf_increment=0.002, wf_trigger_offset=0.016))
+    assert any("wf_trigger_offset = 0.016" in w for w in test.record.warnings)
+
+
+def test_tdms_groups_with_moments_of_their_own(tmp_path):
+    k, moments = 8, np.datetime64("2025-03-14T09:26:53") + np.round(1e6 * T).astype("timedelta64[us]")
+    a = ("laser", "Time", moments[:-k], {}), ("laser", "Weg", X[:-k], {"unit_string": "mm"})
+    b = ("cell", "Time", moments[k:], {}), ("cell", "Kraft", F[k:], {"unit_string": "N"})
+    (test,) = import_tests(_tdms(tmp_path / "a.tdms", *a, *b))
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+
+
+def test_uff_remarks_that_name_a_factor_are_warned_of(tmp_path):
+    pyuff = pytest.importorskip("pyuff")
+    for label, values, unit in (("Weg", X, "mm"), ("Kraft", F, "N")):
+        data = {
+            "type": 58, "binary": 0, "func_type": 1, "rsp_node": 1, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0,
+            "id4": "Scale factor 2.0", "data": values, "x": T, "abscissa_spacing": 1, "abscissa_spec_data_type": 17,
+            "ordinate_spec_data_type": 8, "orddenom_spec_data_type": 0, "ordinate_axis_lab": label,
+            "ordinate_axis_units_lab": unit, "ord_data_type": 4, "abscissa_inc": 1 / RATE, "abscissa_min": 0.0,
+        }  # fmt: skip
+        pyuff.UFF(str(tmp_path / "a.uff")).write_sets([data], "add", force_double=True)
+    (test,) = import_tests([tmp_path / "a.uff"])
+    assert any("'Scale factor 2.0', which is not applied" in w for w in test.record.warnings)
+
+
+def test_a_column_that_is_a_channel_s_own_time_by_its_name(tmp_path):
+    k = 8
+    head = "t_disp,disp_mm,t_force,force_N"
+    (tmp_path / "a.csv").write_text(table([head], T[:-k], X[:-k], T[k:], F[k:]))
+    (test,) = import_tests([tmp_path / "a.csv"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+
+
+def test_two_channels_of_one_role_and_unit_are_asked_of_whatever_their_names(tmp_path):
+    head = "Time (s),Stroke (mm),Extensometer (mm),Force (N)"
+    (tmp_path / "a.csv").write_text(table([head], T, 1.5 * X, X, F))
+    with pytest.raises(ImportAsks, match=r"Which channel is the displacement: Stroke \(mm\), Extensometer"):
+        import_tests([tmp_path / "a.csv"])
+
+
+def test_a_table_of_gains_above_the_numbers_is_warned_of(tmp_path):
+    head = ["Channel;Unit;Gain", "Disp;mm;1", "Force;N;10", "", "Time (s);Disp (mm);Force (N)"]
+    (tmp_path / "a.csv").write_text(table(head, T, X, F, separator=";"))
+    (test,) = import_tests([tmp_path / "a.csv"])
+    assert [w for w in test.record.warnings if "not applied" in w] == [
+        "the file states 'Force Gain: 10', which is not applied: if the numbers do not hold it yet, say so with --gain "
+        "or --unit"
+    ]
+
+
+LVM_HEAD = ["LabVIEW Measurement", "Separator\tTab", "***End_of_Header***", "", "Channels\t2"]
+
+
+@pytest.mark.parametrize(
+    ("said", "found"),
+    [
+        (
+            ["Delta_X\t0.002\t0.002", f"Samples\t{2 * N}\t{2 * N}"],
+            f"has {N} of {2 * N} samples that segment 1 announces",
+        ),
+        (["Delta_X\t1.0\t1.0"], "neither a time channel"),
+        (["Delta_X\t2.0\t2.0", "X_Unit_Label\tms\tms"], ""),
+        (["Delta_X\t2.0\t2.0", "X_Unit_Label\tmm\tmm"], "x axis is in 'mm', which is no time"),
+    ],
+)
+def test_labview_steps_in_other_units_steps_that_nobody_set_and_files_cut_off(tmp_path, said, found):
+    head = [*LVM_HEAD[:2], "X_Columns\tNo", *LVM_HEAD[2:], "Y_Unit_Label\tmm\tN", *said, "***End_of_Header***"]
+    text = table([*head, "X_Value\tWeg\tKraft\tComment"], [""] * N, X, F, separator="\t")
+    (tmp_path / "a.lvm").write_text(text)
+    if "samples" in found or not found:
+        (test,) = import_tests([tmp_path / "a.lvm"])
+        assert test.loop.frequency_hz == pytest.approx(FREQUENCY, rel=1e-3)
+        assert bool(found) == any(found in w for w in test.record.warnings)
+    else:
+        with pytest.raises(CampaignError, match=found):
+            import_tests([tmp_path / "a.lvm"])
+
+
+def test_labview_channels_of_one_x_column_whose_starts_differ(tmp_path):
+    k = 8
+    head = [*LVM_HEAD[:2], "X_Columns\tOne", *LVM_HEAD[2:], "Y_Unit_Label\tmm\tN", "X0\t0.0\t0.016"]
+    head += ["Delta_X\t0.002\t0.002", "***End_of_Header***", "X_Value\tWeg\tKraft\tComment"]
+    (tmp_path / "a.lvm").write_text(table(head, T[:-k], X[:-k], F[k:], separator="\t"))
+    (test,) = import_tests([tmp_path / "a.lvm"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+
+
+def test_factors_that_a_matlab_file_holds_as_a_vector_are_warned_of(tmp_path):
+    import scipy.io
+
+    scipy.io.savemat(tmp_path / "a.mat", {"disp_mm": X, "force_N": F, "fs": RATE, "scale": [1e-4, 0.01]})
+    (test,) = import_tests([tmp_path / "a.mat"])
+    assert sum("not applied" in w for w in test.record.warnings) == 2
 
 
 @pytest.mark.parametrize(

@@ -95,7 +95,7 @@ def test_a_staircase_gives_a_test_a_level(cycles, one_speed):
     assert [p.amplitude_mm for p in pieces] == pytest.approx([0.5, 1.0, 1.5, 2.0, 3.0], rel=0.01) and not dropped
 
 
-@pytest.mark.parametrize("cycles, pause_s", [(2, 0.0), (3, 0.5), (4, 1.7)])
+@pytest.mark.parametrize("cycles, pause_s", [(2, 0.0), (3, 0.5), (4, 1.7), (3, 0.08), (4, 0.04), (2, 0.1)])
 def test_a_staircase_of_small_levels_and_with_pauses_between_them(cycles, pause_s):
     """Five levels from a fifth of the largest on were a drift; pauses were a sweep in frequency."""
     rng = np.random.default_rng(1)

@@ -74,6 +74,16 @@ def test_rows_lost_in_few_cycles_are_found_though_the_time_runs_on(cycles):
     check_record(whole)
 
 
+@pytest.mark.parametrize("cycles", [3, 4, 5])
+def test_a_force_whose_size_changes_within_few_cycles_is_said(cycles):
+    record = recorded(sine, cycles + 0.3, rest=False)
+    steady, _ = check_record(record)
+    assert not any("while the drive holds" in w for w in steady.warnings)
+    gain = np.where(record.time_s < 0.6 * cycles, 1.0, 2.0)
+    switched, _ = check_record(replace(record, force_N=gain * record.force_N))
+    assert any("the force's amplitude" in w and "while the drive holds" in w for w in switched.warnings)
+
+
 def test_a_specimen_that_moved_before_loses_nothing():
     checked, loop = check_record(recorded(sine, 3, rest=False, noise=1e-3))
     assert loop.n_cycles == 3 and loop.cut.late == 0.0 and not checked.warnings

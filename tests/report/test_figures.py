@@ -161,6 +161,9 @@ def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_pa
         own = Figure()
         ax = own.subplots()
         assert posterior.plot.frequencies(ax=ax) is own and any(x.get_linewidth() == 7.0 for x in ax.lines)
+    with mpl.rc_context({"font.size": 17.0}):  # twice this package's own
+        assert posterior.plot.frequencies().axes[0].get_xticklabels()[0].get_fontsize() == 15.0
+    assert max(map(len, repr(posterior).split("\n"))) <= 110
     for name in ("f.svg", "f.pdf", "f.png"):
         assert bi.plot.save(figure, tmp_path / name).stat().st_size > 1000
     with pytest.raises(ValueError, match="panels, 1 axes"):

@@ -219,12 +219,9 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
         from_acceleration=channels.acceleration is not None,
         limits=limits,
     )
-    return campaign, tuple(in_band(_of_record(loop, record)) for loop, record in zip(loops, records))
-
-
-def _of_record(loop: Loop, record: Record) -> Loop:
-    """A loop of one block with its record as it was left, averaged again where its force was."""
-    return replace(loop, record=record) if record.force_N is loop.record.force_N else average(record, n_blocks=1)
+    same = [loop.record.force_N is record.force_N for loop, record in zip(loops, records)]
+    pairs = [replace(x, record=r) if kept else average(r, n_blocks=1) for x, r, kept in zip(loops, records, same)]
+    return campaign, tuple(map(in_band, pairs))
 
 
 def _table(stated: Mapping[str, Any], name: str) -> dict[str, Any]:

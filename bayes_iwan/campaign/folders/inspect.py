@@ -100,7 +100,8 @@ def inspect_loop(loop: Loop) -> Inspection:
     """One averaged test."""
     each = cycles_of(loop)
     h = (each.displacement_shapes.shape[1] - 1) // 2
-    u, f = (_complex(rows, h) for rows in (each.displacement_shapes, each.force_shapes))
+    shapes = (each.displacement_shapes, each.force_shapes)  # whose distance is an RMS
+    u, f = (np.sqrt(2.0) * (rows[:, 1 : h + 1] + 1j * rows[:, h + 1 :]) for rows in shapes)
     energy = np.pi * np.sum(np.arange(1, h + 1) * np.imag(f * np.conj(u)), axis=1)
     # noise in a cycle's own displacement would bias a ratio: the mean motion is the divisor
     dynamic = f[:, 0] * np.conj(u[:, 0]) / np.abs(u[:, 0].mean()) ** 2
@@ -130,11 +131,6 @@ def inspect_loop(loop: Loop) -> Inspection:
         samples_per_cycle=per_cycle,
         reversal_samples=_in_reversal(loop) * per_cycle,
     )
-
-
-def _complex(rows: Array, h: int) -> np.ndarray:
-    """(n, h) complex harmonics 1 ... h of shapes whose distance is an RMS."""
-    return np.sqrt(2.0) * (rows[:, 1 : h + 1] + 1j * rows[:, h + 1 :])
 
 
 def _over_cycles(values: Array) -> CycleMean:

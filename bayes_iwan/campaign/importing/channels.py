@@ -11,7 +11,7 @@ from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.unit_texts import ROLES, is_ratio, is_volts, may_be, role_of
+from bayes_iwan.campaign.importing.unit_texts import ROLES, converted, is_ratio, is_volts, may_be, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.errors import nearest
 
@@ -186,9 +186,10 @@ def _candidates(channels: list[Channel], role: str, recipe: Recipe) -> list[Chan
         if named(c.name, role)
         and (may_be(c.unit, role) or not c.unit or is_volts(c.unit) or (said and role_of(c.unit) is None))
     ]
-    if len(by_unit) > 1:
-        both = [c for c in by_unit if c in by_name]
-        return both if len(both) == 1 else by_unit
+    kinds = [converted(np.zeros(1), c.unit, "", role, c.name)[1] for c in by_unit]
+    both = [(c, kind) for c, kind in zip(by_unit, kinds) if c in by_name]
+    if len(both) == 1 and kinds.count(both[0][1]) == 1:  # a load among stresses, not a stroke beside an extensometer
+        return [both[0][0]]
     return by_unit or by_name
 
 

@@ -30,7 +30,9 @@ _STEP_UNIT = re.compile(
     r"\W*(?:x|h|t|time|zeit|horizontal|abscissa)[ _-]*(?:axis[ _-]*)?(?:units?|einheit)\W+([a-zµμ]+)", re.IGNORECASE
 )
 _THINNED = re.compile(
-    r"\b(?:decimat\w*|down[ _-]?sampl\w*|averag(?:ing|es))\W*(?!1\b)\d|\bevery \d+(?:st|nd|rd|th)\b", re.IGNORECASE
+    r"\b(?:decimat\w*|reduc\w*|down[ _-]?sampl\w*|averag(?:ing|es))\W*(?:(?:factor|ratio)\W*)?(?!1\b)\d|"
+    r"\bevery \d+ ?(?:st|nd|rd|th|samples|points|scans|rows|values)\b",
+    re.IGNORECASE,
 )
 _OF_LENGTH = re.compile(r"\W*(dx|resolution|interval)\b", re.IGNORECASE)
 _PER_SECOND = {"khz": 1e3, "mhz": 1e6, "ks/s": 1e3, "ksa/s": 1e3, "ms/s": 1e6, "msa/s": 1e6}

@@ -49,12 +49,11 @@ _RATE = Question(
     "There is neither a time channel (--time NAME) nor a sample rate (none where rows have no clock, as of a "
     "quasi-static test).",
 )  # fmt: skip
-_WHOLE = "The time {!r} goes up by whole numbers ({:g} a row) and states no unit: is it s, ms or us?"
-_UNKNOWN = "The time {!r} goes up by {:.4g} a row and states no unit that is known: is it s, ms, min or day?"
-SHORTEST_STEP_S = 1e-6  # what is shorter is asked of, since it may be in days
+_UNKNOWN = "The time {!r} goes up by {:.4g} a row and states no unit that is known: is it s, ms, us, min or day?"
+STEPS_S = 1e-6, 0.1  # of a time without a unit: what is shorter may be in days, what is longer in ms
 _ROWS = (
-    "The time {!r} goes up by one a row: is that a clock of 1 Hz (1), or a count of rows, which no frequency is read "
-    "from (none)?"
+    "The time {!r} goes up by one a row: is that a clock of 1 Hz (1; 1000 if it counts ms), or a count of rows, which "
+    "no frequency is read from (none)?"
 )
 
 
@@ -102,10 +101,8 @@ def import_tests(
     first = tests[0]
     for test in tests:
         if list(test.columns) != list(first.columns):
-            raise CampaignError(
-                f"{test.record.file}: has {' and '.join([*test.columns][-2:])}, {first.record.file} has "
-                f"{' and '.join([*first.columns][-2:])}; a campaign holds one kind of record"
-            )
+            this, that = (f"{x.record.file} has {' and '.join([*x.columns][-2:])}" for x in (test, first))
+            raise CampaignError(f"{this}, {that}; a campaign holds one kind of record")
     names = [test.record.file for test in tests]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise CampaignError(f"import: two recordings would be called {twice[0]}; rename one file")
@@ -131,16 +128,11 @@ def _named_parts(recordings: Sequence[Recording], recipe: Recipe) -> list[Record
 def _held_out(records: Sequence[Record], patterns: Sequence[str]) -> list[Record]:
     out = list(records)
     for pattern in patterns:
-        stem = pattern.removesuffix(".csv")
-        hits = [
-            k
-            for k, r in enumerate(out)
-            if fnmatch(r.file.removesuffix(".csv"), stem) or fnmatch(r.file.removesuffix(".csv"), Path(stem).stem)
-        ]
+        stems = pattern.removesuffix(".csv"), Path(pattern.removesuffix(".csv")).stem
+        hits = [k for k, r in enumerate(out) if any(fnmatch(r.file.removesuffix(".csv"), x) for x in stems)]
         if not hits:
-            raise CampaignError(
-                f"--held-out {pattern}: no test is called so; there are {', '.join(r.file for r in out)}"
-            )
+            there = ", ".join(r.file for r in out)
+            raise CampaignError(f"--held-out {pattern}: no test is called so; there are {there}")
         for k in hits:
             out[k] = replace(out[k], role="held-out")
     if all(r.role == "held-out" for r in out):
@@ -160,10 +152,8 @@ def write_tests(
             raise CampaignError(f"{folder / test.record.file}: would be written over; name another folder with --out")
     rates = {test.rate_hz for test in tests}
     *_, motion, force = tests[0].columns
-    channels: dict[str, str | float] = {
-        motion.partition("_")[0].replace("angle", "displacement"): motion,
-        "force": force,
-    }
+    role = motion.partition("_")[0].replace("angle", "displacement")
+    channels: dict[str, str | float] = {role: motion, "force": force}
     if not tests[0].record.clock:
         channels["clock"] = "none"
     elif len(rates) == 1 and None not in rates:
@@ -183,11 +173,8 @@ def _tests(recording: Recording, recipe: Recipe, split: bool) -> list[ImportedTe
         raise ImportAsks(recording.where, [*found, *_rate_missing(recording, recipe)])
     if questions := _missing(found, recording, recipe):
         raise ImportAsks(recording.where, questions)
-    parts = [
-        runs(x.values[: c.values.size]) if x is not None else [slice(None)]
-        for x, c in ((found.motion_time, found.motion), (found.force_time, found.force))
-    ]
-    clock = found.motion_time
+    clock, pairs = found.motion_time, ((found.motion_time, found.motion), (found.force_time, found.force))
+    parts = [runs(x.values[: c.values.size]) if x is not None else [slice(None)] for x, c in pairs]
     if clock is not None and counted_on(clock.values)[1]:
         parts = [[slice(None)], [slice(None)]]
     if len(parts[0]) != len(parts[1]):
@@ -199,13 +186,8 @@ def _tests(recording: Recording, recipe: Recipe, split: bool) -> list[ImportedTe
     for k, (a, b) in enumerate(zip(*parts), 1):
         piece, part = found, recording
         if len(parts[0]) > 1:
-            piece = replace(
-                found,
-                motion=_cut(found.motion, a),
-                force=_cut(found.force, b),
-                motion_time=_cut(found.motion_time, a),
-                force_time=_cut(found.force_time, b),
-            )
+            times = {"motion_time": _cut(found.motion_time, a), "force_time": _cut(found.force_time, b)}
+            piece = replace(found, motion=_cut(found.motion, a), force=_cut(found.force, b), **times)
             if found.force_time is found.motion_time:
                 piece = replace(piece, force_time=piece.motion_time)
             notes = (*recording.notes, f"its clock starts again: run {k} of {len(parts[0])}")
@@ -240,18 +222,20 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             return [_RATE]
         if time is not None and channel.rate_hz is None:
             steps = np.diff(time.values)
+            if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
+                return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
             if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
                 return [Question("--sample-rate", "", "1 or none", _ROWS.format(time.name))]
             if moments_unit(time.values) and not time.unit:
                 continue
             if not recipe.units.get("time", time.unit):
                 step = float(np.median(steps))
-                if (steps >= 1.0).all() and (steps == np.rint(steps)).all():
-                    return [Question("--unit", "time", "ms", _WHOLE.format(time.name, step))]
-                if 0 < step < SHORTEST_STEP_S or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name):
+                if (
+                    0 < step < STEPS_S[0]
+                    or step >= STEPS_S[1]
+                    or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name)
+                ):
                     return [Question("--unit", "time", "ms", _UNKNOWN.format(time.name, step))]
-            if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
-                return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
     return []
 
 
@@ -284,13 +268,11 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
                     f"{values.size}, and nothing says when each was taken; export them with their times"
                 )
             continue
-        times, rate, more = times_of(channel, time, recording, recipe)
-        lines += more
+        times, rate, more, doubts = times_of(channel, time, recording, recipe)
+        lines, warnings = [*lines, *more], (*warnings, *doubts)
         series.append(Series(channel.name, times, values, rate))
-    missing = [
-        int(np.count_nonzero(np.isnan(c.values) & np.isfinite(x.time_s)))
-        for c, x in zip((found.motion, found.force), series)
-    ]
+    pairs = zip((found.motion, found.force), series)
+    missing = [int(np.count_nonzero(np.isnan(c.values) & np.isfinite(x.time_s))) for c, x in pairs]
     time_s, motion_values, force_values, how = paired(series[0], series[1], where)
     said += [*dict.fromkeys(lines), *found.notes]
     if any(missing):
@@ -308,9 +290,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     acceleration = motion_values
     if found.role == "acceleration":
         if not recipe.clock:
-            raise CampaignError(
-                f"{where}: {found.motion.name!r} is an acceleration, which needs times: --sample-rate HZ"
-            )
+            what = f"{found.motion.name!r} is an acceleration, which needs times"
+            raise CampaignError(f"{where}: {what}: --sample-rate HZ")
         motion_values, more_warnings = displacement_from_acceleration(file, time_s, acceleration)
         warnings += more_warnings
     level = motion_values

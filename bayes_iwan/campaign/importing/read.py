@@ -26,7 +26,7 @@ OTHERS = (
     (rb"(\xef\xbb\xbf)?\s*<", "XML or HTML; save its table as CSV or .xlsx"),
 )
 #: what a folder of recordings may hold besides
-OTHER_FILES = (".toml", ".md", ".html", ".json", ".tdms_index", ".png")
+OTHER_FILES = (".toml", ".md", ".html", ".tdms_index", ".png")
 
 
 def read_file(path: Path, layout: Layout) -> list[Recording]:
@@ -86,7 +86,15 @@ def recordings_in(name: str) -> list[Path]:
     path = Path(name)
     if path.is_dir():
         some = [p for p in sorted(path.iterdir()) if p.is_file() and not p.name.startswith((".", "~$"))]
-        return [p for p in some if p.suffix.lower() not in OTHER_FILES]
+        return [p for p in some if p.suffix.lower() not in OTHER_FILES and not _is_remark(p)]
     if not path.exists() and any(c in name for c in "*?["):
         return [Path(p) for p in sorted(glob.glob(name, recursive=True)) if Path(p).is_file()]
     return [path]
+
+
+def _is_remark(path: Path) -> bool:
+    """Whether a file is JSON that holds no signals: what somebody wrote down beside recordings."""
+    try:
+        return path.suffix.lower() == ".json" and not read_file(path, Layout())
+    except CampaignError as error:
+        return "no signals" in str(error)

@@ -1,15 +1,17 @@
 """What a data-acquisition system's file holds, whatever its format: channels with names, units and samples."""
 
 import importlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bayes_iwan.arrays import Array, brief
-from bayes_iwan.campaign.importing.unit_texts import split_name
-from bayes_iwan.campaign.recording.records import CampaignError
+from bayes_iwan.campaign.importing.unit_texts import converted, is_unit, role_of, split_name
+from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal
 RATES_HZ = 1e-6, 1e12  # of samples: beyond it, none was stated
@@ -69,9 +71,8 @@ def channel(
     values = np.asarray(given)
     if values.ndim != 1 or values.size < FEWEST_SAMPLES:
         return None
-    if values.dtype.kind in "mM":  # durations, moments
-        values = (values - (values[0] if values.dtype.kind == "M" else 0)) / np.timedelta64(1, "s")
-        unit = "s"
+    if values.dtype.kind == "m":  # durations
+        values, unit = values / np.timedelta64(1, "s"), "s"
     if np.iscomplexobj(values) and not np.imag(values).any():
         values = values.real  # complex only in how it was stored
     if values.dtype.kind not in "iuf":
@@ -82,6 +83,29 @@ def channel(
     if rate_hz is not None and not RATES_HZ[0] < rate_hz < RATES_HZ[1]:
         rate_hz = None
     return Channel(name, unit.strip(), values.astype(float), rate_hz, start_s, group, heading)
+
+
+def axis(step: float, start: float, unit: str, where: str) -> tuple[float | None, float]:
+    """Samples a second and start in s of a channel whose axis has a step and a start in some unit, or in s.
+
+    None for a step of exactly 1 s: programs write it where none was set. Raises CampaignError for a unit of no time.
+    """
+    if role_of(unit) != "time":
+        if unit.strip() and is_unit(unit):
+            raise CampaignError(f"{where}: its x axis is in {shown(unit)}, which is no time; write time histories")
+        unit = "s"
+    (step, start), _ = converted(np.array([step, start]), unit, "", "time", where)
+    return (1 / float(step) if step > 0 and step != 1 else None), float(start)
+
+
+def from_first(arrays: Sequence[ArrayLike]) -> tuple[list[Array], float | None]:
+    """Arrays with moments as durations since the first of all, and that one in seconds since 1970, None for none."""
+    given: list[Any] = [np.asarray(x) for x in arrays]
+    zero = np.datetime64(0, "ns")
+    known = [x[~np.isnat(x)] for x in given if x.dtype.kind == "M"]
+    first = min((x.min() for x in known if x.size), default=None)
+    began = None if first is None else float((first - zero) / np.timedelta64(1, "s"))
+    return [x - (zero if first is None else first) if x.dtype.kind == "M" else x for x in given], began
 
 
 def library(module: str, package: str, file: str, what: str) -> ModuleType:

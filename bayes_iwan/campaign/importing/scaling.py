@@ -14,6 +14,7 @@ from bayes_iwan.campaign.recording.records import CampaignError
 DAY_NUMBERS = (30_000.0, 60_000.0), (715_000.0, 750_000.0), (2_445_000.0, 2_471_000.0)
 YEARS_S = 3.8e8, 2.6e9  # the same years, in seconds since 1970
 SINCE_1970 = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SINGLE_S = {"s": 1.0, **SINCE_1970, "min": 60.0, "hour": 3600.0, "day": 86_400.0}
 SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other
 
 
@@ -37,15 +38,13 @@ def scaled(channel: Channel, role: str, recipe: Recipe, where: str) -> tuple[Arr
 
 def times_of(
     channel: Channel, clock: Channel | None, recording: Recording, recipe: Recipe
-) -> tuple[Array, float | None, list[str]]:
-    """A channel's times in s, the sample rate if there is one, and lines that say where they come from."""
+) -> tuple[Array, float | None, list[str], tuple[str, ...]]:
+    """A channel's times in s, the sample rate if there is one, lines that say where they come from, and warnings."""
     where, n = recording.where, channel.values.size
+    warnings: tuple[str, ...] = ()
     if not recipe.clock:
-        return (
-            np.arange(n, dtype=float),
-            None,
-            ["time: none; a cycle is the unit of time, and nothing says a frequency"],
-        )
+        said = "time: none; a cycle is the unit of time, and nothing says a frequency"
+        return np.arange(n, dtype=float), None, [said], ()
     asked, from_file = recipe.rate_hz, channel.rate_hz or recording.rate_hz
     if clock is None:
         if asked is not None and from_file is not None and abs(asked / from_file - 1) > SAME_RATE:
@@ -53,12 +52,12 @@ def times_of(
                 f"{where}: the file says {from_file:g} samples a second, you say {asked:g}; which is right?"
             )
         known = asked or from_file or 1.0
-        return np.arange(n) / known + (channel.start_s or 0.0), known, [f"time: {known:.9g} samples a second"]
+        return np.arange(n) / known + (channel.start_s or 0.0), known, [f"time: {known:.9g} samples a second"], ()
     if clock.values.size != n:
         raise CampaignError(f"{where}: {clock.name!r} has {clock.values.size} samples, {channel.name!r} has {n}")
     raw, wrapped = counted_on(clock.values)
     stated = recipe.units.get("time", clock.unit)
-    unit = stated or moments_unit(raw) or "s"
+    unit = stated or moments_unit(raw) or _unit_of_rate(raw, asked or from_file)
     if unit == "day":
         raw = raw - np.floor(np.nanmin(raw))  # from midnight: no date is asked for
     time, _ = converted(raw, unit, "", "time", f"{where}: {clock.name!r}")
@@ -73,12 +72,13 @@ def times_of(
                 '--unit "time=UNIT", or leave the time out with --time none'
             )
         if not rounded:
-            lines.append(f"the file says {rate:g} samples a second, its time {_usual_rate(time):.6g}: the time is used")
+            warnings = (f"the file says {rate:g} samples a second, its time {_usual_rate(time):.6g}: the time is used",)
             rate = None
     if rate is not None:
         time = on_grid_of_rate(time, rate)
     start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())
-    check_epoch(where, start, "Say --unit time=ms")
+    if "time" not in recipe.units:
+        check_epoch(where, start, "Say --unit time=ms")
     if not (np.diff(time[np.isfinite(time)]) > 0).all():
         k = int(np.argmin(np.nan_to_num(np.diff(time), nan=1.0) > 0))
         raise CampaignError(
@@ -89,7 +89,7 @@ def times_of(
     shared = recording.rate_hz is None and channel.rate_hz is None and asked is None
     per_second = f"{_usual_rate(time):.6g} samples a second"
     taken = unit if stated else f"no unit: taken for {unit}"
-    return time, None if shared else rate, [*lines, f"time: {clock.name!r} ({taken}), {per_second}"]
+    return time, None if shared else rate, [*lines, f"time: {clock.name!r} ({taken}), {per_second}"], warnings
 
 
 def moments_unit(time: Array) -> str:
@@ -99,6 +99,13 @@ def moments_unit(time: Array) -> str:
     if any(low < start < high for low, high in DAY_NUMBERS) and _usual_rate(time) > 1e5:
         return "day"
     return next((unit for unit, size in SINCE_1970.items() if YEARS_S[0] < start * size < YEARS_S[1]), "")
+
+
+def _unit_of_rate(time: Array, rate: float | None) -> str:
+    """The unit of a time without one by which its steps are, but for what rounding does to the ends of a short record,
+    those of a known rate; s where there is none."""
+    steps = _usual_rate(time) / (rate or np.nan)
+    return next((unit for unit, size in SINGLE_S.items() if 0.8 < steps / size < 1.25), "s")
 
 
 def _usual_rate(time: Array) -> float:

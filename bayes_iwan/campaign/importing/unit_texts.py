@@ -48,6 +48,7 @@ _BARE = frozenset(
 )
 _FACTOR = re.compile(r"(?:\d/\d+|\d[.,]\d+|\bin \d+)\s*$")  # before a unit: 1/10 s, 0.01 mm
 _WIDE = str.maketrans("（）［］／，：", "()[]/,:")  # signs as wide as a Chinese character
+_LETTERS = re.compile(r"[^\W\d_]|[°\"]")
 _THOUSANDS = re.compile(r"[1-9]\d{0,2}(,\d{3})+")
 
 
@@ -196,7 +197,8 @@ def split_name(name: str) -> tuple[str, str]:
         return name, ""
     for pattern in (r"(.+?)\s+in\s+(\S+)", r"(.+?)\s*/\s*(\S+)", r"(.+?)\s*[,:]\s*(\S+)", r"(.+?)\s+(?:-\s+)?(\S+)"):
         found = re.fullmatch(pattern, name)
-        if found and (_bare(found[1], found[2]) if "[" in pattern or "-" in pattern else _is_word_unit(found[2])):
+        words = found and (_LETTERS.search(found[2]) and is_unit(found[2]))
+        if found and (_bare(found[1], found[2]) if "[" in pattern or "-" in pattern else words):
             return (name, "") if _FACTOR.search(found[1]) else (found[1].strip(), found[2].strip())
     parts = name.split("_")
     if len(parts) > 2 and parts[-1] == "s" and may_be(parts[-2], "displacement"):
@@ -216,10 +218,6 @@ def _bare(stem: str, unit: str) -> bool:
     )
     roles = [role for role in WORDS if named(stem, role)]
     return all(known) and (not roles or is_volts(unit) or any(may_be(unit, role) for role in roles))
-
-
-def _is_word_unit(text: str) -> bool:
-    return bool(re.search(r"[^\W\d_]|[°\"]", text)) and is_unit(text)
 
 
 def converted(values: Array, unit: str, sensitivity: str, role: str, where: str) -> tuple[Array, str]:

@@ -63,8 +63,10 @@ def _odd_angles(loops: Sequence[Loop]) -> list[list[str]]:
         if over > excess:
             worst, excess, off = k, over, here
     if worst >= 0:
+        late_ms = 1e3 * abs(off) / 360 / loops[worst].frequency_hz
+        said = f" ({late_ms:.2g} ms)" if loops[worst].record.clock else ""
         out[worst].append(
-            f"the force {'leads' if off > 0 else 'lags'} by {abs(off):.0f}°{_late(loops[worst], abs(off))} more than "
+            f"the force {'leads' if off > 0 else 'lags'} by {abs(off):.0f}°{said} more than "
             "the other tests lead one to expect: a channel of this test is delayed? Its damping would be wrong by as "
             "much; record it again or shift the column"
         )
@@ -94,10 +96,6 @@ def _outside(k: int, size: Array, angle: Array) -> float:
     early, late = float(angle[k] - known.max()), float(known.min() - angle[k])
     sticks = len(sides) == 1 and off.min() >= -SAME  # the smallest amplitude, at which contacts hardly slip
     return (early if sticks else max(early, late)) - slack
-
-
-def _late(loop: Loop, degrees: float) -> str:
-    return f" ({1e3 * degrees / 360 / loop.frequency_hz:.2g} ms)" if loop.record.clock else ""
 
 
 def _angle(loop: Loop) -> float:
@@ -165,7 +163,8 @@ def check_units(records: Sequence[Record], loops: Sequence[Loop]) -> None:
         return
     size = np.log([max(float(np.std(loop.force_N)), 1e-300) for loop in loops])
     x = np.log([[loop.amplitude_mm, loop.frequency_hz] for loop in loops])
-    spans = np.array([[_spans(a, b) for b in records] for a in records])
+    extras = [x.extras for x in records]
+    spans = np.array([[sum(_span(a.get(key), b.get(key)) for key in a) for b in extras] for a in extras])
     odd, far = (_off_power_law if n >= 4 else _off_each_other)(size, x, spans)
     if far == 0:
         return
@@ -202,10 +201,6 @@ def _off_each_other(size: Array, x: Array, spans: Array) -> tuple[int, float]:
     scores = np.abs(out.sum(axis=1))
     k = int(np.argmax(scores))
     return (k, float(np.median(np.delete(off[k], k)))) if scores[k] == size.size - 1 else (k, 0.0)
-
-
-def _spans(a: Record, b: Record) -> float:
-    return sum(_span(a.extras.get(key), b.extras.get(key)) for key in a.extras)
 
 
 def _span(a: float | None, b: float | None) -> float:

@@ -42,13 +42,17 @@ def on_grid_of_rate(time: Array, rate: float) -> Array:
     steps, off = np.diff(time), time - time[0] - np.arange(time.size) / rate
     if not (steps >= 0).all() or not (steps > 0).any():
         return time
-    if (steps == 0).any():  # rounded to more than a step: within one unit of its last place
-        rounded = np.ptp(off) <= 1.01 * float(steps[steps > 0].min())
+    if (steps == 0).any():  # rounded to more than a step: nearer to its own value than to those before and after
+        levels, of = np.unique(time, return_inverse=True)
+        half = np.diff(levels)[[0, *range(levels.size - 1), -1]] / 2
+        low, high = float((off - half[of]).max()), float((off + half[of + 1]).min())
+        rounded = low - high <= 0.02 * half.min()
     else:
-        rounded = float(np.abs(off).max()) < 0.75 / rate
+        low, high = float(off.min()), float(off.max())
+        rounded = max(-low, high) < 0.75 / rate
     if not rounded:
         return time
-    return time - off + ((off.max() + off.min()) / 2 if np.ptp(off) * rate > ROUNDED else 0.0)
+    return time - off + ((low + high) / 2 if np.ptp(off) * rate > ROUNDED else 0.0)
 
 
 def check_epoch(file: str, start_s: float, fix: str) -> None:

@@ -75,9 +75,10 @@ def disturbances(loop: Loop) -> list[str]:
 
     Raises CampaignError for a jump of phase of more than LARGE_JUMP and for stretches in which a channel is dead.
     """
-    if loop.n_cycles < FEWEST:
-        return _jumped(loop, *_short_cycle(loop)) if loop.record.clock else []
     each = cycles_of(loop)
+    if loop.n_cycles < FEWEST:
+        notes = _jumped(loop, *_short_cycle(loop)) if loop.record.clock else []
+        return notes + ([] if loop.cut.late else _force_amplitude(loop, each))
     notes = _phase(loop, each) if loop.record.clock else []
     notes += _drive_amplitude(loop, each)
     notes += _force_amplitude(loop, each)
@@ -199,7 +200,7 @@ def _force_amplitude(loop: Loop, each: Cycles) -> list[str]:
     size = each.force_amplitude_N / np.median(each.force_amplitude_N)
     drive = each.amplitude_mm / np.median(each.amplitude_mm)
     own = size - drive
-    k, jump = _outlying(own, FORCE)
+    k, jump = _outlying(own, FORCE) if own.size >= FEWEST else (-1, 0.0)
     if k > 0:
         return [
             f"the force's amplitude changes by {100 * jump:+.2g} % at once near {when(loop, each.time_s[k])}: a gain "

@@ -26,7 +26,8 @@ SMALLEST, SMALLEST_SPLIT = 0.1, 0.03  # of the largest stroke: smaller ones are 
 SECOND = 5, 0.1  # cycles, and share of the record, from which a second level is a test of its own
 MAIN = 0.55  # share of the cycles at one level from which the others are run-in, run-out or a disturbance
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
-PAUSE = 0.8  # of a usual cycle in which nothing moves: a pause
+PAUSE = 0.8, 0.1  # of a usual cycle in which nothing crosses the middle, or all stands still: a pause
+STILL = 0.25  # of what is not seen as a cycle: noise is half of it, and the way through the middle three times
 FEWEST = 4  # cycles below which nothing is assessed
 
 
@@ -79,7 +80,7 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
         time_s = time_s.copy()
         for a, b in pauses:
             moving[a:b] = False
-            time_s[b:] -= whole_s[b] - whole_s[a]
+            time_s[b:] -= whole_s[min(b, whole_s.size - 1)] - whole_s[a]
         time_s, whole_s, displacement = time_s[moving], whole_s[moving], displacement[moving]
         half = float(np.ptp(np.percentile(displacement, [0.5, 99.5]))) / 2
         times = crossings(time_s, displacement, middle, half, hysteresis=hysteresis, ends=True)
@@ -110,23 +111,23 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
             groups, kind = short, "levels"
     levels = [Level(a, b, *_middle(y[a:b])) for a, b in groups]
     starts = times + (np.interp(times, time_s, whole_s) - np.clip(times, time_s[0], time_s[-1]))
-    return Drive(starts, np.exp(y[:, 1]), size, tuple(levels), kind, tuple((whole[a], whole[b]) for a, b in pauses))
+    return Drive(starts, np.exp(y[:, 1]), size, tuple(levels), kind, tuple((whole[a], whole[b - 1]) for a, b in pauses))
 
 
 def _pauses(time_s: Array, values: Array, small: float, times: Array) -> list[tuple[int, int]]:
-    """Where values (n,) stay within +-small for most of a usual cycle or longer: index of the first and past the last
-    sample of each pause between parts that move."""
+    """Where values (n,) stay within +-small for most of a usual cycle or longer, or still for a part of it: index of
+    the first and past the last sample of each pause."""
     if times.size < FEWEST:
         return []
     period = float(np.median(np.diff(times)))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], np.abs(values) < small, [False]]).astype(int)))
-    runs = [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if 0 < a and b < values.size]
     out = []
-    for a, b in runs:
-        if time_s[b] - time_s[a] > PAUSE * period:
-            off = np.abs(values[a:b] - np.median(values[a:b]))  # not the ways into the pause and out of it
-            still = np.flatnonzero(off <= max(6 * 1.4826 * float(np.median(off)), 0.01 * small))
-            out.append((a + int(still[0]), a + int(still[-1]) + 1))
+    for a, b in edges.reshape(-1, 2):
+        off = np.abs(values[a:b] - np.median(values[a:b]))
+        spread = 1.4826 * float(np.median(off))
+        if time_s[b - 1] - time_s[a] > PAUSE[int(spread < STILL * small)] * period:
+            still = np.flatnonzero(off <= max(6 * spread, 0.01 * small))  # not the ways into the pause and out of it
+            out.append((int(a + still[0]), int(a + still[-1]) + 1))
     return out
 
 
@@ -249,7 +250,7 @@ def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
         first, last = drive.start_s[[level.first, level.last]]
         keep = (record.time_s >= first) & (record.time_s <= last)
         for a, b in drive.pauses_s:
-            keep &= (record.time_s < a) | (record.time_s >= b)
+            keep &= (record.time_s < a) | (record.time_s > b)
         out.append(
             replace(
                 record,

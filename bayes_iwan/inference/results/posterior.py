@@ -92,7 +92,9 @@ class Posterior:
     stop: Stop = Stop.CONVERGED
 
     def __repr__(self) -> str:
-        return "\n".join((self._title(), *(f"  {row}" for row in self._shown()), *map(wrapped, self.warnings())))
+        return "\n".join(
+            (wrapped(self._title()), *(f"  {row}" for row in self._shown()), *map(wrapped, self.warnings()))
+        )
 
     def _repr_html_(self) -> str:
         cells = "".join(f"<tr><td><pre>{escape(row)}</pre></td></tr>" for row in self._shown())

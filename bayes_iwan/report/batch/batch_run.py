@@ -35,7 +35,7 @@ from bayes_iwan.report.batch.batch_sheet import write_sheet
 from bayes_iwan.report.batch.specimens import Batch, BatchError, Finished, Quantity, lots_of, summarised
 from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
 from bayes_iwan.report.identification.marginals import identifiable
-from bayes_iwan.report.page import Cell, Table, of_folder
+from bayes_iwan.report.page import Table, of_folder
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.sampling.checkpoint import CheckpointError
 
@@ -315,12 +315,9 @@ def _write_excel(table: Table, path: Path) -> None:
     sheet.title = "specimens"
     for row in (table.columns, *table.rows):
         # what begins with "=" is text of a specimen's name, never a formula
-        sheet.append([None if isinstance(x, float) and not np.isfinite(x) else _text(x) for x in row])
+        plain = ["'" + x if isinstance(x, str) and x[:1] in ("=", "+", "-", "@") else x for x in row]
+        sheet.append([None if isinstance(x, float) and not np.isfinite(x) else x for x in plain])
     sheet.freeze_panes = "B2"
     sheet.auto_filter.ref = sheet.dimensions
     book.save(content)
     write_whole(path, content.getvalue())
-
-
-def _text(x: Cell) -> Cell:
-    return "'" + x if isinstance(x, str) and x[:1] in ("=", "+", "-", "@") else x

@@ -92,7 +92,8 @@ def gap_loops_figure(p: GapPictures) -> Figure:
             linewidths=0.8 + 4.0 * np.minimum(np.abs(between) / limit, 1.0),
         )
         ax.add_collection(lines)
-        ax.set_title(f"{names[t]}: {_percent(shares[t])}", loc="left", fontsize=7.5 if narrow() else None)
+        digits = 1 if shares[t] < 0.1 else 0
+        ax.set_title(f"{names[t]}: {100 * shares[t]:.{digits}f} %", loc="left", fontsize=7.5 if narrow() else None)
         ax.locator_params(nbins=3 if narrow() else 4)
     figure.supxlabel("displacement (mm)", fontsize=9)
     figure.supylabel("measured force (N)", fontsize=9)
@@ -301,7 +302,3 @@ def figures_of_gap(p: GapPictures) -> dict[str, Callable[[], Figure]]:
     if any(len(x) > 1 for x in p.size.cycle):
         out["gap_cycles"] = partial(gap_cycles_figure, p)
     return out
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %" if share < 0.1 else f"{100 * share:.0f} %"

@@ -46,9 +46,9 @@ def _columns(value: Any) -> Any:
 
 
 def _numbers(cells: list[Any]) -> Any:
-    """Cells of JSON as numbers, stamps as seconds; other texts as they are."""
+    """Cells of JSON as numbers, stamps as moments; other texts as they are."""
     try:
         return np.array(cells, dtype=float)
     except (ValueError, TypeError):
         found = seconds(cells) if all(isinstance(x, str) for x in cells) else None
-        return None if found is None else found[0]
+        return found and np.datetime64(round(found[2] * 1e9), "ns") + np.round(found[0] * 1e9).astype("m8[ns]")

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bayes_iwan.campaign.importing.formats.stamps import seconds
-from bayes_iwan.campaign.importing.recordings import Recording, channel
+from bayes_iwan.campaign.importing.recordings import Recording, axis, channel
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 END_OF_HEADER = "***End_of_Header***"
@@ -72,22 +72,27 @@ def _segment(
         raise CampaignError(f"{file} segment {number}: X is {shown(other[0])}, no time; write time histories")
     clocks, dates = ([of(key, place) for place in range(len(columns))] for key in ("Time", "Date"))
     began = seconds(clocks, dates if all(dates) else None) if clocks and all(clocks) else None
-    if began is not None and began[0].any() and own_x == "One":
+    late = (began is not None and began[0].any()) or len({number_of("X0", place) for place in range(len(columns))}) > 1
+    if late and own_x == "One":
         own_x = "No"  # one column of times from each channel's own start: these say when each sample was taken
     channels = []
+    warnings: tuple[str, ...] = ()
     for place, k in enumerate(columns):
-        step, start = number_of("Delta_X", place), number_of("X0", place) or 0.0
+        clock, where = of("X_Unit_Label", place), f"{file} segment {number}: {names[k]!r}"
+        rate, start = axis(number_of("Delta_X", place) or 0.0, number_of("X0", place) or 0.0, clock, where)
         group = names[k] if own_x == "Multi" else ""
         if own_x != "No" and (own_x == "Multi" or place == 0):
             x = values[k - 1]
-            channels.append(channel("X_Value", "s", x[np.isfinite(x)], None, None, group))
+            channels.append(channel("X_Value", clock or "s", x[np.isfinite(x)], None, None, group))
         y = values[k]
-        samples = number_of("Samples", place)
-        if samples is not None and own_x == "Multi":
-            y = y[: int(samples)]
+        samples, there = int(number_of("Samples", place) or 0), int(np.count_nonzero(np.isfinite(y)))
+        if samples and own_x == "Multi":
+            y = y[:samples]
+        if there < samples:
+            cut = f"{there} of {samples} samples that segment {number} announces: cut off or damaged; export it again"
+            warnings = (*warnings, f"{names[k]!r} has {cut}")
         offset = float(began[0][place]) if began is not None else 0.0
-        rate = 1 / step if step and step > 0 else None
         channels.append(channel(names[k], of("Y_Unit_Label", place), y, rate, start + offset, group))
     kept = tuple(c for c in channels if c is not None)
-    note = f"LabVIEW, segment {number}"
-    return Recording(file, f"segment {number}", kept, (note,), began_s=None if began is None else began[2])
+    note, since = f"LabVIEW, segment {number}", None if began is None else began[2]
+    return Recording(file, f"segment {number}", kept, (note,), warnings=warnings, began_s=since)

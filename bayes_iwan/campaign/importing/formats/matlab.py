@@ -16,7 +16,8 @@ import numpy as np
 
 from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
-from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
+from bayes_iwan.campaign.importing.formats.stamps import seconds
+from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording, channel, from_first, library
 from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
@@ -177,7 +178,7 @@ def flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     if hasattr(value, "columns") and hasattr(value, "to_numpy"):  # a table or timetable, by mat-io
         if type(value.index).__name__ != "RangeIndex":
             value = value.reset_index()
-        value = {str(name): _seconds(value[name].to_numpy()) for name in value.columns}
+        value = {str(name): value[name].to_numpy() for name in value.columns}
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from flat(f"{prefix}.{key}" if prefix else str(key), inner, depth + 1)
@@ -185,16 +186,11 @@ def flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         yield prefix, value
     elif isinstance(value, int | float):
         yield prefix, np.asarray(value)
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "iufcM":
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "iufcmM":
         yield prefix, value
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for k, inner in enumerate(value if isinstance(value, list) else value.flat, 1):
             yield from flat(f"{prefix}({k})", inner, depth + 1)
-
-
-def _seconds(values: np.ndarray) -> np.ndarray:
-    """Durations as seconds; anything else as it is."""
-    return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
 
 
 def _recordings(
@@ -206,13 +202,16 @@ def _recordings(
     units: Mapping[str, str],
     names: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Recording]:
+    plain, first = from_first([v for _, v in arrays])
+    arrays = [(k, x) for (k, _), x in zip(arrays, plain)]
     channels: list[Channel | None] = []
     rate = None
     numbers = {k: float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1}
     own_rates = {k: r for k, x in numbers.items() if (r := stated_rate([f"{_leaf(k)} = {x!r}"]))}
-    starts = {k: x for k, x in numbers.items() if STARTS.fullmatch(_leaf(k)) and "." in k}
+    stamps = {k: found[2] for k, text in texts.items() if (found := seconds([text])) is not None}
+    starts = {k: x for k, x in (numbers | stamps).items() if STARTS.fullmatch(_leaf(k)) and "." in k}
     starts = {k: x for k, x in starts.items() if abs(x) < LATEST_S or YEARS_S[0] < x < YEARS_S[1]}
-    began = x if (x := min(starts.values(), default=0.0)) > LATEST_S else None
+    began = x if (x := min(starts.values(), default=0.0)) > LATEST_S else first
     vectors = [k for k, v in arrays if np.size(v) > 1]
     rates = list(own_rates.values())
     if len({round(np.log(x), 9) for x in rates}) == 1:
@@ -237,9 +236,8 @@ def _recordings(
     kept = [c for c in channels if c is not None]
     if not kept:
         raise CampaignError(f"{file}: no signals of 16 samples or more in it: {otherwise}")
-    said = not_applied(
-        [*(f"{k} = {x:g}" for k, x in numbers.items() if k not in starts), *map(" = ".join, texts.items())]
-    )
+    short = [(k, x) for k, v in arrays if np.size(v) < FEWEST_SAMPLES and k not in starts for x in np.real(np.ravel(v))]
+    said = not_applied([*(f"{k} = {float(x):g}" for k, x in short), *map(" = ".join, texts.items())])
     return [replace(x, warnings=said, began_s=began) for x in _parts(file, kept, what)]
 
 

@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
-from bayes_iwan.campaign.importing.recordings import Recording, channel, library
+from bayes_iwan.campaign.importing.recordings import Recording, channel, from_first, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 
@@ -19,8 +18,6 @@ def read_parquet(path: Path, file: str) -> list[Recording]:
     if not isinstance(table.index, pd.RangeIndex):
         table = table.reset_index()
     zones = {name: "M8[ns]" for name in table.columns if isinstance(table[name].dtype, pd.DatetimeTZDtype)}
-    columns = {str(name): table[name].to_numpy(zones.get(name)) for name in table.columns}
-    moments = [x[0] for x in columns.values() if x.dtype.kind == "M" and len(x)]
-    began = (moments[0] - np.datetime64(0, "s")) / np.timedelta64(1, "s") if moments else None
-    channels = [channel(k, "", x - moments[0] if x.dtype.kind == "M" else x) for k, x in columns.items()]
+    columns, began = from_first([table[name].to_numpy(zones.get(name)) for name in table.columns])
+    channels = [channel(str(name), "", x) for name, x in zip(table.columns, columns)]
     return [Recording(file, "", tuple(c for c in channels if c is not None), ("Parquet",), began_s=began)]

@@ -1,15 +1,13 @@
 """National Instruments' TDMS: channels with their own start and rate, read by npTDMS."""
 
 import logging
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bayes_iwan.campaign.importing.clock_words import stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
-from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
+from bayes_iwan.campaign.importing.recordings import Channel, Recording, axis, channel, from_first, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 CUT = (
@@ -31,17 +29,26 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
             f"{source.name}: {k} = {v}"
             for _, source in sources
             for k, v in source.properties.items()
-            if "Scale[" not in k and not k.startswith("wf_")
+            if "Scale[" not in k and not k.startswith("wf_start")
         )
-        clock, began = _starts([source.properties for _, source in sources])
+        stamps = [np.array([x.properties.get("wf_start_time", "NaT")], "M8[ns]") for _, x in sources]
+        arrays, began = from_first([*(source[:] for _, source in sources), *stamps])
         groups: dict[str, list[Channel]] = {}
-        for (group, source), start in zip(sources, clock):
-            step = source.properties.get("wf_increment")
+        for (group, source), values, late in zip(sources, arrays, arrays[len(sources) :]):
             said = source.properties  # DAQmx writes the second name
             unit = str(said.get("unit_string") or said.get("NI_UnitDescription") or "")
-            one = channel(source.name, unit, source[:], 1 / float(step) if step else None, start, group)
+            of_x, where = str(said.get("wf_xunit_string") or ""), f"{file}: {source.name!r}"
+            rate, offset = axis(
+                float(said.get("wf_increment") or 0), float(said.get("wf_start_offset") or 0), of_x, where
+            )
+            start: float | None = offset + float(late[0] / np.timedelta64(1, "s"))
+            if np.isnat(late[0]):  # of the others' clock nothing is known, unless none has one
+                start = offset if began is None and "wf_start_offset" in said else None
+            one = channel(source.name, unit, values, rate, start, group)
             if one is not None:
                 groups.setdefault(group, []).append(one)
+    except CampaignError:
+        raise
     except Exception as error:  # a damaged file makes npTDMS fail in many ways
         raise CampaignError(f"{file}: cannot be read as TDMS ({shown(str(error))}); copy or export it again") from None
     alone = len(groups) == 1
@@ -51,19 +58,3 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
         )
         for name, c in groups.items()
     ]
-
-
-def _starts(properties: list[Mapping[str, Any]]) -> tuple[list[float | None], float | None]:
-    """Seconds from the earliest start of all waveforms to each one's, None where it states none, and that start since
-    1970."""
-    stamps = [np.datetime64(p["wf_start_time"], "ns") if "wf_start_time" in p else None for p in properties]
-    known = [s for s in stamps if s is not None and not np.isnat(s)]
-    first: Any = min(known) if known else None
-    out: list[float | None] = []
-    for p, stamp in zip(properties, stamps):
-        offset = float(p.get("wf_start_offset", 0.0) or 0.0)
-        if stamp is not None and first is not None and not np.isnat(stamp):
-            out.append(float((stamp - first) / np.timedelta64(1, "ns")) * 1e-9 + offset)
-        else:
-            out.append(offset if "wf_start_offset" in p and first is None else None)
-    return out, None if first is None else float((first - np.datetime64(0, "ns")) / np.timedelta64(1, "ns")) * 1e-9

@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from bayes_iwan.campaign.importing.formats.lvm import END_OF_HEADER, read_lvm
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
     MISSING,
+    REMARK,
     SEPARATORS,
     Layout,
     Style,
@@ -73,7 +74,7 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     )
     start = len("\n".join(head[:first])) + (1 if first else 0)
     body, below = _without_summary(text[start:], style)
-    body, remarks = _without_remarks(body)
+    body, remarks = _without_remarks(body, style)
     remarks = (*remarks, *below)
     table, notes = _numbers(file, body, style, max(width, len(names)), first)
     if table is not None:
@@ -83,6 +84,8 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     lines = body.split("\n")
     for k, (a, b, over) in enumerate(_blocks(file, lines, style, width, first), 1):
         own, own_units = names_and_units(over, style, width) if over else (names, units)
+        if len(own) != width and not words_of_roles(own):
+            own, own_units = names, units  # a remark
         table, notes = _numbers(file, "\n".join(lines[a:b]) + "\n", style, max(width, len(own)), first + a)
         if table is None:  # a cell that is neither: said with its line
             _numbers(file, "\n".join(lines[a:b]) + "\n", style, max(width, len(own)), first + a, strict=True)
@@ -127,12 +130,10 @@ def _without_summary(body: str, style: Style) -> tuple[str, tuple[str, ...]]:
     return "\n".join(lines[:end]) + "\n", (f"{len(words)} line(s) of words below the table dropped",)
 
 
-def _without_remarks(body: str) -> tuple[str, tuple[str, ...]]:
+def _without_remarks(body: str, style: Style) -> tuple[str, tuple[str, ...]]:
     """The body with lines that begin as remarks do made empty, and a word on them."""
-    if not re.search(r"\n[ \t]*(#|//|!|%)", body):
-        return body, ()
-    body, n = re.subn(r"(?m)^[ \t]*(#(?!IND|N/A|INF|OVER)|//|!|%).*$", "", body)
-    return body, (f"{n} line(s) of remarks dropped",)
+    body, n = re.subn(rf"(?m)^[ \t]*(?!#(?:IND|N/A|INF|OVER))(?!{re.escape(style.separator)}){REMARK}.*$", "", body)
+    return body, (f"{n} line(s) of remarks dropped",) if n else ()
 
 
 def _numbers(
@@ -284,7 +285,15 @@ def _recording(
         clocks, said, first = _clocks({k: table[k] for k in used if k not in numeric}, names)
         channels, notes, began = channels | clocks, (*notes, *said), first if clocks else began
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
-    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside]), began)
+    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside, *_tabled(above, style)]), began)
+
+
+def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
+    """What a table above the numbers states of single channels: "Force gain: 10" of a row Force below a head Gain."""
+    rows = [style.cells(line) for line in above]
+    for at, head in enumerate(rows):
+        for row in rows[at + 1 :]:
+            yield from (f"{row[0]} {x}: {y}" for x, y in zip(head[1:], row[1:]) if x and style.is_number(y))
 
 
 def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:

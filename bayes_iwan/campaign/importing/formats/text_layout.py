@@ -25,6 +25,7 @@ _BELOW = {"under", "underflow", "underrange"}
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", r"\s+": "blanks"}
 NAMED = {"tab": "\t", "tabs": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "blank": r"\s+", "blanks": r"\s+"}
 NAMED |= {"space": r"\s+", "spaces": r"\s+", "bar": "|"}
+REMARK = r"(?:#|//|!|%|;|')"  # what a line of remarks begins with
 MARKS = {  # digits are matched in one way only: a cell of 60,000 of them would take minutes otherwise
     ".": re.compile(r"(?:[+-] *)?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?"),
     ",": re.compile(r"(?:[+-] *)?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?"),
@@ -276,12 +277,14 @@ def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[st
         return names, _bare(units)
     fitting: list[list[str]] = []
     for line in reversed([line for line in lines if re.search(r"[^\W_]", line)]):
-        line = re.sub(r"^\s*(#|//|%|!)\s*", "", line)
+        line = re.sub(rf"^\s*(?!{re.escape(style.separator)}){REMARK}\s*", "", line)
         cells = style.cells(line)
         if style.separator == r"\s+" and len(cells) > width == len(spaced := re.split(r"\t|\s{2,}", line.strip())):
             cells = spaced  # names of several words, or with a unit
         if len(cells) > width and (whole := _OUTSIDE.split(line)) and len(whole) == width:
             cells = [cell.strip().strip('"') for cell in whole]  # "Position(0,1) (mm)" is one
+        while len(cells) > width and not re.search(r"\w", cells[0]):
+            cells = cells[1:]  # what marks a remark
         if len(cells) < width or (len(fitting) and len(cells) < len(fitting[0]) - 1):
             break
         fitting.append(cells)
@@ -323,16 +326,12 @@ def labelled(lines: Sequence[str], style: Style, width: int, label: re.Pattern[s
 
 def _is_units(cells: Sequence[str], style: Style) -> bool:
     """Whether a row is one of units; of many cells a few may be what no unit is (segments, gpm)."""
-    strange = [c for c in cells if not (is_unit(c) or _scale(c, style))]
+    # oscilloscopes write a count of samples there besides, or their start and step
+    strange = [c for c in cells if not (is_unit(c) or c.lower() == "sequence" or style.is_number(c))]
     if strange:
         others = sum(not named(c, "time") and c.lower().strip(".") != "no" for c in strange)
         return 3 * others <= len(cells) and sum(role_of(c) is not None or is_volts(c) for c in cells) > 1
     return any(cells) and not all(map(style.is_number, cells))
-
-
-def _scale(cell: str, style: Style) -> bool:
-    """What oscilloscopes write in the row of units besides: a count of samples, or their start and step."""
-    return cell.lower() == "sequence" or style.is_number(cell)
 
 
 def _bare(cells: list[str]) -> list[str]:

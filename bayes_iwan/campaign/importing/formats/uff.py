@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
-from bayes_iwan.campaign.importing.unit_texts import converted, role_of
+from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.recordings import Channel, Recording, axis, channel, library
+from bayes_iwan.campaign.importing.unit_texts import role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 #: "specific data type" of an ordinate, in SI
@@ -32,6 +33,7 @@ def read_uff(path: Path, file: str) -> list[Recording]:
         raise CampaignError(f"{file}: no data set 58 (signals); the file has {others}. Export time histories as UFF 58")
     parts: list[list[Channel]] = [[]]
     notes = []
+    said: tuple[str, ...] = ()
     for k in sets:
         found = _data_set(source, k, file)
         if int(found.get("func_type", 1)) not in (0, 1) or np.iscomplexobj(found["data"]):
@@ -42,12 +44,9 @@ def read_uff(path: Path, file: str) -> list[Recording]:
         )
         even, clock = int(found["abscissa_spacing"]) == 1, _said(found.get("abscissa_axis_units_lab"))
         clock = clock if role_of(clock) == "time" else "s"
-        (step, begun), _ = converted(
-            np.array([found["abscissa_inc"], found.get("abscissa_min") or 0.0]), clock, "", "time", f"{file}: abscissa"
-        )
-        rate = 1 / float(step) if even and step else None
-        start = float(begun) if even else None
-        one = channel(_name(found), unit, found["data"], rate, start)
+        said += not_applied(_said(found.get(f"id{k}")) for k in range(1, 6))
+        rate, start = axis(found["abscissa_inc"], found.get("abscissa_min") or 0.0, clock, f"{file}: abscissa")
+        one = channel(_name(found), unit, found["data"], rate if even else None, start if even else None)
         if one is None:
             continue
         if any(c.name == one.name for c in parts[-1]):
@@ -57,8 +56,8 @@ def read_uff(path: Path, file: str) -> list[Recording]:
             parts[-1].append(Channel("time", clock, np.asarray(found["x"], dtype=float), group=one.group))
         parts[-1].append(one)
     kept = [p for p in parts if p]
-    said = ("UFF 58", *notes)
-    return [Recording(file, f"run {k}" if len(kept) > 1 else "", tuple(p), said) for k, p in enumerate(kept, 1)]
+    names = [f"run {k}" if len(kept) > 1 else "" for k in range(1, len(kept) + 1)]
+    return [Recording(file, name, tuple(p), ("UFF 58", *notes), warnings=said) for name, p in zip(names, kept)]
 
 
 def _data_set(source: Any, k: int, file: str) -> Mapping[str, Any]:
