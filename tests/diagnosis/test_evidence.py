@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from bayes_iwan.campaign import average
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
@@ -172,17 +173,21 @@ def test_evolving_effect_that_is_not_there_loses_a_few_nats(name, most, kit):
 
 
 def test_a_fit_is_sampled_with_the_discrepancy_beside_it(kit, monkeypatch):
-    """Rows and density agree but for what depends on the discrepancy alone; a run cut short is not converged."""
+    """The density is that of residuals with the discrepancy's variance; a run cut short is not converged."""
     found = kit.diagnosed(None).search
     target = sampled_fit.Target(found.data, found.base)
     rng = np.random.default_rng(1)
     z = np.concatenate([found.base.z + 0.01 * rng.standard_normal((6, len(found.base.z))), np.zeros((6, 2))], axis=1)
     z[3:, -2:] = [0.4, -0.7]
-    left = target.log_prob_of_held(z, z[:, None, -2:])[:, 0]
-    left += 0.5 * np.sum(target.rows(z) ** 2, axis=1) + 0.5 * np.sum(z[:, :-2] ** 2, axis=1)
-    np.testing.assert_allclose(left[:3], left[0], rtol=1e-9)
-    np.testing.assert_allclose(left[3:], left[3], rtol=1e-9)
-    assert abs(left[3] - left[0]) > 0.1
+    size, share, length = found.base.size, target.share_prior.kwds, np.sqrt(LENGTHS[0] * LENGTHS[-1])
+    variance = target.residuals.discrepancy.variances(
+        share["scale"] * np.exp(share["s"] * z[:, -2]), length * np.exp(0.5 * z[:, -1]), size
+    )
+    residual = target.residuals.residual(z[:, :-2])
+    expected = np.sum(stats.norm.logpdf(residual, 0.0, np.sqrt(variance)), axis=1)
+    expected += np.sum(stats.norm.logpdf(z), axis=1)
+    np.testing.assert_allclose(np.diff(target(z)), np.diff(expected), rtol=1e-6, atol=1e-6)
+    assert np.ptp(expected) > 0.1 and target(z + 9.0)[0] == -np.inf
     monkeypatch.setattr(sampled_fit, "BUDGET_S", 0.0)
     cut, worth = sampled_fit.sampled_fit(found.data, found.base, 1, lambda said: None)
     assert not worth.converged and worth.message and not cut.converged and np.array_equal(cut.z, found.base.z)
@@ -195,7 +200,7 @@ def test_ctrl_c_ends_a_diagnosis_while_it_samples(kit, monkeypatch):
     def interrupted(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(EnsembleRun, "pilot", interrupted)
+    monkeypatch.setattr(EnsembleRun, "block", interrupted)
     found = kit.diagnosed(None).search
     with pytest.raises(KeyboardInterrupt):
         sampled_fit.sampled_fit(found.data, found.base, 1, lambda said: None)
