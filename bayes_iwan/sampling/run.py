@@ -208,6 +208,8 @@ class EnsembleRun:
                 file = self._opened()
                 while stop is None:
                     again, late = self._again(), self.late
+                    if late:  # what there is counts, of the pilot too
+                        self._pilot = 0
                     if self.steps >= 16 and (self.steps >= self.look or again or late or self.steps >= plan.max_steps):
                         result = self.convergence()
                         short = plan.shortfall(result)
