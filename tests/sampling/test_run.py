@@ -10,6 +10,7 @@ import time
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 from bayes_iwan.executors import opened
 from bayes_iwan.sampling import checkpoint, run
@@ -128,6 +129,22 @@ def test_one_coordinate_may_be_drawn_alone():
     z = sample(density, np.zeros((1, 3)), np.eye(3), target_ess=4000).flat()
     np.testing.assert_allclose(z.mean(axis=0), MEAN, atol=0.03)
     np.testing.assert_allclose(np.cov(z.T), np.linalg.inv(PRECISION), atol=0.03)
+
+
+def squared(x, random):
+    return np.concatenate([-0.5 * x**2, x**2, random.standard_normal(x.shape)], axis=1)
+
+
+def test_what_is_drawn_stays_with_the_place_that_it_was_drawn_for():
+    """From step to step and block to block; and it is drawn with random numbers of its own."""
+    density = Density(squared, np.array([1]), np.array([0, 2]), (np.array([0]),))
+    chains = sample(density, np.zeros((1, 3)), np.eye(3), target_ess=4000)
+    z = chains.flat()
+    np.testing.assert_array_equal(z[:, 0], z[:, 1] ** 2)
+    still = np.diff(chains.draws[..., 1], axis=1) == 0.0
+    assert 0.05 < still.mean() < 0.7 and np.all(np.diff(chains.draws, axis=1)[still] == 0.0)
+    np.testing.assert_allclose(np.corrcoef(z.T)[2, :2], 0.0, atol=0.05)
+    assert np.var(z[:, 2]) == pytest.approx(1.0, abs=0.06)
 
 
 def cut(x, random):
@@ -311,17 +328,30 @@ def test_unusable_input_is_refused_with_its_reason(changed, words):
         sample(**changed)
 
 
+def test_moves_are_learnt_on_one_thread_of_linear_algebra(monkeypatch):
+    """More would round sums in another order, so the draws would depend on the machine."""
+    threads, learn = [], run.learnt_moves
+
+    def counted(*rest):
+        threads.extend(m["num_threads"] for m in threadpool_info() if m["user_api"] == "blas")
+        return learn(*rest)
+
+    monkeypatch.setattr(run, "learnt_moves", counted)
+    with linear_algebra().limit(limits=2):
+        sample(max_steps=25)
+    assert threads and set(threads) == {1}
+
+
 # ---- checkpoints
 
 
 def test_a_run_that_is_resumed_draws_what_an_uninterrupted_one_does(tmp_path):
-    """Stopped after some blocks, killed in the middle of writing one, resumed, on any threads: the same to the bit."""
+    """Stopped after some blocks, killed in the middle of writing one, resumed: the same to the bit."""
     whole = sample(max_steps=75, **ENDLESS)
     file = tmp_path / "chains.ckpt"
     sample(max_steps=50, checkpoint=file, **ENDLESS)
     file.write_bytes(file.read_bytes()[:-100])  # the last block is lost, those before are not
-    with linear_algebra().limit(limits=2):
-        again = sample(max_steps=75, checkpoint=file, resume=True, **ENDLESS)
+    again = sample(max_steps=75, checkpoint=file, resume=True, **ENDLESS)
     np.testing.assert_array_equal(again.draws, whole.draws)
     np.testing.assert_array_equal(again.log_prob, whole.log_prob)
     assert again.message == whole.message
