@@ -252,14 +252,12 @@ def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch, way):
 
 @pytest.mark.usefixtures("small_design", "short_pilot")
 def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
-    ways = ["--kind", "rig", "exact", "--forms", "plain", "--draws", "sampled", "approximate"]
+    ways = ["--kind", "rig", "exact", "--forms", "plain", "--draws", "sampled", "quick"]
     asked = ["coverage_rig.py", "--cases", "1", "--budget", "1", "--out", str(tmp_path), *ways]
     monkeypatch.setattr(sys, "argv", asked)
     study("coverage_rig").main()
     tables = json.loads((tmp_path / "coverage.json").read_text())["tables"]
-    assert len(tables) == 8
+    assert len(tables) == 4
     for table in tables.values():
         assert set(table["all"]["held"]["energy"]) <= set(range(101)) and table["median_width"]["kp_N_mm"] > 0.0
-    widths = {key: table["median_width"]["kp_N_mm"] for key, table in tables.items()}
-    assert widths["rig, plain approximate, as wide as tests disagree"] >= 0.99 * widths["rig, plain approximate"]
     assert (tmp_path / "coverage_rig_plain_sampled.png").stat().st_size > 5000
