@@ -21,8 +21,8 @@ from bayes_iwan.sampling.chains import Chains
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import sample
 
-#: what is asked of a quick run: it ends with the first draws that count
-QUICK: dict[str, Any] = {"max_steps": 100, "ess": 0.0, "r_hat": float("inf"), "taus": 0.0}
+#: what is asked of a quick run: half as many walkers, and it ends with the first draws that count
+QUICK: dict[str, Any] = {"walkers": 8, "max_steps": 100, "ess": 0.0, "r_hat": float("inf"), "taus": 0.0}
 _SHORT = 4  # blocks of steps before the first draws
 
 
