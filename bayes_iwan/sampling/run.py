@@ -266,12 +266,15 @@ class EnsembleRun:
         stamp = {**plan.fingerprint, "seed": str(plan.seed), "ensembles": str(self.n_ensembles)}
         if plan.resumed is not None:
             file, found = Checkpoint.resume(plan.resumed, stamp, plan.names, (STAGE,))
-            self._restored(found, plan.resumed)
             try:
+                self._restored(found, plan.resumed)
                 self._learn()
             except np.linalg.LinAlgError as error:  # from draws that no run has drawn
                 file.close()
                 raise not_ours(plan.resumed, error) from None
+            except CheckpointError:
+                file.close()
+                raise
         else:
             self.at = self._started()
             file = None
