@@ -454,3 +454,31 @@ def test_the_sample_recordings(tmp_path, monkeypatch, capsys):
     assert cli.main(["import", str(tmp_path / "Versuch 10 Hz.csv"), "--out", str(tmp_path / "d")]) == 0
     assert "semicolons, decimal ,, cp1252, numbers from line 6" in capsys.readouterr().out
     same_loop(read_campaign(tmp_path / "d").loops()[0], read_campaign(DATA / "rope_spring").loops()[1])
+
+
+@pytest.mark.parametrize("name, per_s, said", [("Time", 1 / 60, True), ("Time (min)", 1 / 60, False), ("t", 1, True)])
+def test_a_time_without_a_unit_says_what_it_is_taken_for(table, record, name, per_s, said):
+    """Minutes passed for seconds: 600 Hz for 10 without a word."""
+    r = record(noise_N=0.002)
+    path = table("a.csv", {name: per_s * r.time_s, "u (mm)": r.displacement_mm, "F (N)": r.force_N})
+    (test,) = import_tests([path])
+    assert [w for w in test.record.warnings if "taken for s" in w] == (
+        [f'{name!r} states no unit and is taken for s: else say --unit "time=min"'] if said else []
+    )
+    (test,) = import_tests([path], Recipe(units={"time": "min" if per_s < 1 else "s"}))
+    assert test.loop.frequency_hz == pytest.approx(10, rel=1e-4)
+    assert not any("taken for s" in w for w in test.record.warnings)
+
+
+@pytest.mark.parametrize("cut", [0, 1000])
+def test_a_wav_file_that_ends_early_is_said(tmp_path, record, cut):
+    from scipy.io import wavfile
+
+    r = record(noise_N=0.002)
+    samples = np.column_stack([r.displacement_mm, r.force_N]) / 100
+    wavfile.write(tmp_path / "a.wav", 1280, samples.astype("float32"))
+    raw = (tmp_path / "a.wav").read_bytes()
+    (tmp_path / "a.wav").write_bytes(raw[: len(raw) - cut])
+    recipe = Recipe(channels={"displacement": "1", "force": "2"}, units={"displacement": "100 mm", "force": "100 N"})
+    (test,) = import_tests([tmp_path / "a.wav"], recipe)
+    assert any("ends before its samples do" in w for w in test.record.warnings) == bool(cut)

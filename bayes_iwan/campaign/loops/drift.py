@@ -18,7 +18,7 @@ from bayes_iwan.campaign.recording.records import Record
 
 #: a drift is said from so many standard errors on, and only where it is this share of the amplitude or the friction
 SIGMAS, CHANGES = 6.0, 0.01
-#: cycles from which a path may be a cubic, and those that a line needs
+#: cycles from which a path may be a cubic, and from which its own scatter says how well a line is known
 CUBIC_CYCLES, LINE_CYCLES = 12, 4
 #: slope of mean force over mean displacement, over the loop's own stiffness, that a spring can have
 SPRING = 1.3
@@ -46,7 +46,8 @@ class Drift:
 def drift_of(loop: Loop, line_mm: float = 0.0) -> Drift | None:
     """How the means of a loop's cycles drift, with a straight drift that was taken off before; None with too few cycles
     to tell."""
-    if loop.n_cycles < LINE_CYCLES:
+    few = loop.n_cycles < LINE_CYCLES
+    if few and loop.cut.late:
         return None
     each, time = cycles_of(loop), loop.record.time_s
     degree = 3 if loop.n_cycles >= CUBIC_CYCLES else 1
@@ -54,6 +55,9 @@ def drift_of(loop: Loop, line_mm: float = 0.0) -> Drift | None:
     basis = np.polynomial.legendre.legvander((each.time_s - centre) / half, degree)
     line = line_mm * (each.time_s - centre) / (time[-1] - time[0])
     (u, u_error), (f, f_error) = (_fitted(basis, x) for x in (each.mean_mm + line, each.force_mean_N))
+    if few:  # a line passes through two or three means: how far the cycles differ otherwise says how well it is known
+        apart = [x[:, 1:] - x[:, 1:].mean(axis=0) for x in (each.displacement_shapes, each.force_shapes)]
+        u_error, f_error = (float(np.sqrt(np.mean(x**2) * 3.0 / (len(x) - 1))) for x in apart)
     at = np.clip((time - centre) / half, -1.0, 1.0)
     beyond = (time - centre) / half - at
     path = np.polynomial.legendre.legval(at, np.r_[0.0, u[1:]])

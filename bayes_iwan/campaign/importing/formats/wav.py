@@ -1,5 +1,6 @@
 """WAV files of recorders and sound cards, read by SciPy."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ def read_wav(path: Path, file: str) -> list[Recording]:
     from scipy.io import wavfile
 
     try:
-        rate, values = wavfile.read(path)
+        with warnings.catch_warnings(record=True) as doubts:
+            warnings.simplefilter("always")
+            rate, values = wavfile.read(path)
     except Exception as error:  # SciPy raises errors of many kinds for a damaged file
         raise CampaignError(f"{file}: cannot be read as WAV ({shown(str(error))})") from None
     if values.dtype.kind == "u":
@@ -23,4 +26,9 @@ def read_wav(path: Path, file: str) -> list[Recording]:
     columns = values[:, None] if values.ndim == 1 else values
     channels = [channel(f"channel {k}", "", c, float(rate)) for k, c in enumerate(columns.T, 1)]
     said = 'WAV: samples are shares of full scale; --unit "force=100 N" says what full scale is'
-    return [Recording(file, "", tuple(c for c in channels if c is not None), (said,))]
+    cut = tuple(
+        f"the file ends before its samples do ({shown(str(x.message))}): is the copy whole?"
+        for x in doubts
+        if "EOF" in str(x.message)
+    )
+    return [Recording(file, "", tuple(c for c in channels if c is not None), (said,), warnings=cut)]
