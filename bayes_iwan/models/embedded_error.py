@@ -23,7 +23,11 @@ from bayes_iwan.models.slip_force import SlipForce
 #: terms of the deviation of the slip forces' density. The more, the more truths the intervals of the slip forces'
 #: quartiles hold (`analyses/guide/measured.md`)
 SLIP_TERMS = 12
-SLIP_NAMES = tuple(f"slip_deviation{k}" for k in range(1, SLIP_TERMS + 1))
+#: further terms, one for each doubling of the slip forces: without them intervals of kp and of the mean slip force
+#: leave out that the tail of the slip forces may be another
+TAIL_OCTAVES = 2
+TAIL_NAMES = tuple(f"slip_tail{2**k}" for k in range(1, TAIL_OCTAVES + 1))
+SLIP_NAMES = (*(f"slip_deviation{k}" for k in range(1, SLIP_TERMS + 1)), *TAIL_NAMES)
 STIFFNESS_NAME, CORNER_NAME = "stiffness_exponent", "normal_force_corner"
 NAMES = (*SLIP_NAMES, STIFFNESS_NAME, CORNER_NAME)
 #: the corner's deviation is felt within this share of the amplitude from u = A
@@ -32,7 +36,7 @@ CORNER_WIDTH = 0.05
 
 @dataclass(frozen=True)
 class DeviatingSlipForce:
-    """A family of slip forces whose density is multiplied by 1 + Σ c_k b_k(F), which keeps the mean
+    """A family of slip forces whose density deviates by Σ c_k times functions of it that keep the mean
     (:func:`.series.linear_deviations`).
 
     The mean slip force, which loops determine, is so left to its own number; and the friction force is linear in c_k.
@@ -60,7 +64,7 @@ class DeviatingSlipForce:
         """The table and what it changes by for each c_k, (draws, 1 + deviations, cells, 4), and its top
         (draws,)."""
         table, top = self.base.table(parameter_values)
-        tables = series.linear_deviations(table, top, SLIP_TERMS)
+        tables = series.linear_deviations(table, top, SLIP_TERMS, TAIL_OCTAVES)
         c = _coefficients(parameter_values)
         if np.any(c != 0.0):
             tables[:, 0] += np.einsum("dk,dkij->dij", c, tables[:, 1:])

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from bayes_iwan.models.iwan import Model
 
 #: prior standard deviations of the embedded model error: of the k-th deviation of the slip forces' density the first
-#: number over k + 1, of the exponent in k(α), of the corner in α
-SLIP_SD, EXPONENT_SD, CORNER_SD = 0.5, 0.1, 0.05
+#: number over k + 1, of the share of slip forces that are larger, of the exponent in k(α), of the corner in α
+SLIP_SD, TAIL_SD, EXPONENT_SD, CORNER_SD = 0.5, 0.05, 0.1, 0.05
 #: scale of the t₂ priors of what changes the normal force: its median magnitude is 0.27, that of N(0, 0.4). The paper
 #: gives no scale, and by Table 1 the change grows with the amplitude (2.2 at 5 mm), so the tails are heavy
 NORMAL_FORCE_SCALE = 0.33
@@ -125,11 +125,16 @@ def embedded_parameters() -> tuple[Parameter, ...]:
     """The embedded model error: how far the model's laws may deviate. Narrow, and centred on zero."""
     slip = (
         Parameter(name, f"c{k}", "-", f"deviation {k} of the slip forces' density", stats.norm(scale=SLIP_SD / (k + 1)))
-        for k, name in enumerate(embedded_error.SLIP_NAMES, start=1)
+        for k, name in enumerate(embedded_error.SLIP_NAMES[: embedded_error.SLIP_TERMS], start=1)
+    )
+    tail = (
+        Parameter(name, f"s{2**k}", "-", f"share of slip forces {2**k} times as large", stats.norm(scale=TAIL_SD))
+        for k, name in enumerate(embedded_error.TAIL_NAMES, start=1)
     )
     exponent, corner = stats.norm(scale=EXPONENT_SD), stats.norm(scale=CORNER_SD)
     return (
         *slip,
+        *tail,
         Parameter(embedded_error.STIFFNESS_NAME, "q", "-", "exponent of α that multiplies k(α)", exponent),
         Parameter(embedded_error.CORNER_NAME, "c0", "-", "deviation of α at its corner, u = A", corner),
     )

@@ -12,7 +12,9 @@ same G for all φ, so no quantile is ever inverted.
 
 The first order of the same is multiplied by 1 + Σ c_k b_k(p) (:func:`linear_deviations`): the friction force is linear
 in the density, so it is in these c_k too, which a posterior can then be integrated over in closed form.
-Where the factor is negative the product is no density: the family's form is far from the truth there.
+Where the factor is negative the product is no density: the family's form is far from the truth there. Slip forces twice
+and four times as large, with small weights of either sign, let the tail beyond what a campaign drives be heavier or
+lighter than the family's.
 """
 
 import math
@@ -113,18 +115,17 @@ def _deviating_tables(
 
 
 @_jit
-def _linear_tables(tables: Array, top: Array, width: Array, out: Array) -> None:
-    """Tables of the deviations b_k into out (draws, 1 + order, cells, 4), by Simpson's rule, the table itself first.
+def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Array) -> None:
+    """Tables of π_1 times the density into first (draws, cells, 4), of π_2 and higher into out (draws, terms, cells, 4),
+    by Simpson's rule.
 
     ∫ π_k over (p, 1) is (P_{k−1}(x) − P_{k+1}(x)) / (2 √(2k + 1)), x = 2p − 1, by Legendre's recurrence.
     """
     apart_and_wide()
     draws, cells = tables.shape[:2]
-    order, places = out.shape[1] - 1, 2 * cells + 1
-    x, former, own = np.empty(places), np.empty(places), np.empty(places)
-    beyond, mean = np.empty((order + 1, places)), np.empty(order + 1)
+    places = 2 * cells + 1
+    x, former, own, beyond = np.empty(places), np.empty(places), np.empty(places), np.empty(places)
     for d in range(draws):
-        out[d, 0] = tables[d]
         for j in range(cells):
             per_h = 1.0 / (width[j] * top[d])
             c1, c2, c3 = tables[d, j, 1] * per_h, 2.0 * tables[d, j, 2] * per_h, 3.0 * tables[d, j, 3] * per_h
@@ -132,27 +133,20 @@ def _linear_tables(tables: Array, top: Array, width: Array, out: Array) -> None:
         for i in range(places):
             x[i] = min(max(1.0 - 2.0 * x[i], -1.0), 1.0) + 0.0 * x[i]  # NaN stays NaN
             former[i], own[i] = 1.0, x[i]
-        for k in range(1, order + 2):
+        for k in range(1, out.shape[1] + 2):
             scale, one, two = 0.5 / math.sqrt(2.0 * k + 1.0), (2.0 * k + 1.0) / (k + 1.0), k / (k + 1.0)
             for i in range(places):
                 following = one * x[i] * own[i] - two * former[i]
-                beyond[k - 1, i] = scale * (former[i] - following)
+                beyond[i] = scale * (former[i] - following)
                 former[i], own[i] = own[i], following
-        for k in range(order + 1):
-            mean[k] = 0.0
-            for j in range(cells):
-                mean[k] += width[j] * (beyond[k, 2 * j] + 4.0 * beyond[k, 2 * j + 1] + beyond[k, 2 * j + 2])
-        for k in range(order):
-            ratio, limited = mean[k + 1] / mean[0], 0.0
-            for i in range(places):
-                own[i] = beyond[k + 1, i] - ratio * beyond[0, i]
+            into, limited = first[d] if k == 1 else out[d, k - 2], 0.0
             for j in range(cells):
                 h = width[j] * top[d]
-                start, middle, end = own[2 * j], own[2 * j + 1], own[2 * j + 2]
+                start, middle, end = beyond[2 * j], beyond[2 * j + 1], beyond[2 * j + 2]
                 rise = h * (start + 4.0 * middle + end) / 6.0
-                out[d, 1 + k, j, 0], out[d, 1 + k, j, 1] = limited, h * start
-                out[d, 1 + k, j, 2] = 3.0 * rise - h * (2.0 * start + end)
-                out[d, 1 + k, j, 3] = h * (start + end) - 2.0 * rise
+                into[j, 0], into[j, 1] = limited, h * start
+                into[j, 2] = 3.0 * rise - h * (2.0 * start + end)
+                into[j, 3] = h * (start + end) - 2.0 * rise
                 limited += rise
 
 
@@ -177,16 +171,39 @@ def deviating(tables: Array, top: Array, coefficients: Array) -> Array:
     return out
 
 
-def linear_deviations(tables: Array, top: Array, order: int) -> Array:
-    """Tables of b_k(F) times the density, k = 1 … order, b_k = π_{k+1} − r_k π_1 with r_k such that the mean stays.
+def linear_deviations(tables: Array, top: Array, order: int, octaves: int = 0) -> Array:
+    """What a density is changed by for each c_k, as tables; the mean stays.
+
+    For k = 1 … order the density times b_k(F) = π_{k+1} − r_k π_1. Polynomials of F leave a tail that is thin in the
+    family thin, so the next, as many as octaves, are f_s − f − r π_1(F) f, f_s the density of slip forces s = 2, 4, …
+    times as large.
 
     tables : (draws, cells, 4), top : (draws,) N, from a slip-force family's `table`. Returns the table itself and
-    these, (draws, 1 + order, cells, 4), with the same top. The table plus Σ c_k of the others is
-    that of the density times 1 + Σ c_k b_k(F).
+    these, (draws, 1 + order + octaves, cells, 4), with the same top. The table plus Σ c_k of the others is that of the
+    deviating density.
     """
     draws, *cells = tables.shape
-    out = np.empty((draws, 1 + order, *cells))
-    _linear_tables(tables, top, cell_width(tables.shape[1]), out)
+    out, first = np.empty((draws, 1 + order + octaves, *cells)), np.empty_like(tables)
+    out[:, 0] = larger = tables
+    _basis_tables(tables, top, cell_width(tables.shape[1]), first, out[:, 1 : 1 + order])
+    for k in range(1 + order, out.shape[1]):
+        larger = _twice_as_large(larger)
+        out[:, k] = larger - tables
+    mean = out[:, 1:, -1].sum(axis=-1) / first[:, None, -1].sum(axis=-1)
+    out[:, 1:] -= mean[:, :, None, None] * first[:, None]
+    return out
+
+
+def _twice_as_large(tables: Array) -> Array:
+    """Tables (draws, cells, 4) of slip forces twice as large, with the same top: the integral of their survival is
+    2 L(φ/2), so each octave of the table is twice the one below it; below the lowest node nearly all elements hold."""
+    octave = tables.shape[1] // OCTAVES
+    width = cell_width(tables.shape[1])[:octave]
+    out = np.zeros_like(tables)
+    out[:, octave:] = 2.0 * tables[:, :-octave]
+    held = tables[:, :1, 0] * 2.0**OCTAVES
+    out[:, :octave, 0] = held * (2.0**-OCTAVES + np.cumsum(width) - width)
+    out[:, :octave, 1] = held * width
     return out
 
 

@@ -90,7 +90,7 @@ def times_of(
     per_second = f"{_usual_rate(time):.6g} samples a second"
     taken = unit if stated else f"no unit: taken for {unit}"
     if unit == "s" and not stated and rate is None:
-        warnings = (f'{clock.name!r} states no unit and is taken for {unit}: else say --unit "time=min"',)
+        warnings += (f'{clock.name!r} states no unit and is taken for {unit}: else say --unit "time=min"',)
     return time, None if shared else rate, [*lines, f"time: {clock.name!r} ({taken}), {per_second}"], warnings
 
 
