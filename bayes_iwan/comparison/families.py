@@ -292,6 +292,8 @@ def _loops(
 def _entry(common: tuple[UserFiles, Sequence[Loop], IdentifySettings, int], family: Family) -> Entry:
     began = time.monotonic()
     _, loops, settings, seed = common
+    # a predictive density is that of the posterior itself
+    settings = replace(settings, sampling=replace(settings.sampling, between_tests=False))
     problem = family.problem(loops, settings)
     posterior = identify_problem(problem, seed, config=settings, loops=problem.loops, progress=False)
     z = posterior.flat_z(1000)

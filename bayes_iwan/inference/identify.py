@@ -28,6 +28,7 @@ from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
 from bayes_iwan.inference.solving.point import find_point, near_optima
 from bayes_iwan.inference.solving.posterior_draws import QUICK, Run, sampled
+from bayes_iwan.inference.solving.widening import widened
 from bayes_iwan.models import Simulator
 from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.sampling.chains import Chains, Stop
@@ -237,7 +238,10 @@ def _posterior(
     # what is kept has steps enough for its own diagnostics
     every = max(1, min(-(-stored * ensembles * walkers // settings.sampling.draws), stored // _LEAST_KEPT))
     kept = slice(stored - 1 - every * ((stored - 1) // every), None, every)
-    z = np.moveaxis(chains.draws[:, kept], 2, 1).reshape(ensembles, -1, ndim)
+    z, stretch = np.moveaxis(chains.draws[:, kept], 2, 1).reshape(ensembles, -1, ndim), 1.0
+    if settings.sampling.between_tests:
+        flat, stretch = widened(problem, z.reshape(-1, ndim), chains.seed)
+        z = flat.reshape(z.shape)
     c = chains.convergence
     diagnostics = () if c is None else zip(c.names, c.ess_bulk, c.ess_tail, c.r_hat, c.tau_steps)
     return made(
@@ -252,6 +256,7 @@ def _posterior(
         stop=Stop.QUICK if quick else chains.stop,
         timings=timings,
         convergence=tuple(ConvergenceRow(name, *map(float, row)) for name, *row in diagnostics),
+        stretch=stretch,
     )
 
 

@@ -44,7 +44,7 @@ def test_the_integral_is_that_of_the_joint_density(marginal):
     """ln p(x) − ln p(x, c) + ln p(c | x) = 0 at every c, for the joint density is the product; up to one constant, the
     prior's of the deviations, which no place changes."""
     problem = marginal.problem
-    z = near(problem, 8)
+    z = near(problem, 8, sd=1e-3)
     at = z.copy()
     at[:, marginal.drawn] = 0.0
     level, mean, root = marginal._integrated(at)

@@ -11,7 +11,7 @@ from bayes_iwan.models.embedded_error import CORNER_NAME, NAMES, SLIP_NAMES, STI
 from bayes_iwan.models.slip_force import FAMILIES
 
 NUMBERS = {"t1_N": 0.3, "eta1": 0.9, "g1": 0.4, "t2_N": 0.2, "eta2": 5.0, "g2": 0.6}
-SLIP_TERMS = (0.15, -0.12, 0.1, 0.05, -0.07, 0.05, 0.02, -0.04, 0.02, -0.01, 0.01, -0.02)
+SLIP_TERMS = (0.15, -0.12, 0.1, 0.05, -0.07, 0.05, 0.02, -0.04, 0.02, -0.01, 0.01, -0.02, 0.03, 0.02)
 NONE = (0.0,) * len(SLIP_NAMES)
 REFERENCE = Reference(1.0, 0.12566)
 
@@ -39,29 +39,37 @@ def test_every_bend_changes_the_force(name):
     assert 1e-4 < np.sqrt(np.mean(change**2)) < 0.2
 
 
-def factor_of(c, base, n, phi):
-    """1 + Σ c_k (π_{k+1} − r_k π_1) at F(φ), r_k such that the mean stays, by sums over a fine grid."""
-    p = 1.0 - base.survival(phi, n)[0]
-    pi = series.deviation_basis(len(c) + 1, p)
-    density = base.density(phi, n)[0]
+def deviated(c, base, n, phi):
+    """f + Σ c_k (b_k − r_k π_1 f) at phi, r_k such that the mean stays, by sums over a fine grid; b_k = π_{k+1}(F) f,
+    then the density of slip forces twice and four times as large less f, as far as the table reaches."""
+    density, survival = base.density(phi, n)[0], base.survival(phi, n)[0]
+    octaves = embedded_error.TAIL_OCTAVES
+    pi = series.deviation_basis(len(c) - octaves + 1, 1.0 - survival)
     mean = integrate.trapezoid(phi * density * pi, phi, axis=1)
-    return 1.0 + np.array(c) @ (pi[1:] - mean[1:, None] / mean[0] * pi[0])
+    b, more = list(pi[1:] * density), list(mean[1:])
+    for k in range(1, octaves + 1):
+        larger = base.survival(phi / 2**k, n)[0]
+        reached = phi <= base.table(n)[1][0]
+        b.append(base.density(phi / 2**k, n)[0] / 2**k - density)
+        more.append(integrate.trapezoid((larger - survival)[reached], phi[reached]))
+    return density + np.array(c) @ (np.array(b) - np.array(more)[:, None] / mean[0] * pi[0] * density)
 
 
 def test_deviating_density_against_its_definition():
-    """1 + Σ c b(F) times the family's density; survival, density and mean agree with it."""
+    """The family's density with its deviations; survival, density and mean agree with it."""
     base, n = FAMILIES["gamma2"], parameter_values(SLIP_TERMS)
     deviating = DeviatingSlipForce(base)
+    top = base.table(n)[1][0]
     phi = np.geomspace(1e-8, 12.0, 200_001)
-    factor = factor_of(SLIP_TERMS, base, n, phi)
-    raw = base.density(phi, n)[0] * factor
+    raw = deviated(SLIP_TERMS, base, n, phi)
     at = np.linspace(0.02, 4.0, 60)
     below = integrate.cumulative_trapezoid(raw, phi, initial=0.0)
     np.testing.assert_allclose(deviating.survival(at, n)[0], 1.0 - np.interp(at, phi, below), atol=3e-4)
     np.testing.assert_allclose(deviating.density(at, n)[0], np.interp(at, phi, raw), rtol=0.02, atol=3e-3)
     assert integrate.trapezoid(deviating.survival(phi, n)[0], phi) == pytest.approx(deviating.mean(n)[0], rel=1e-3)
     assert deviating.mean(n)[0] == pytest.approx(base.mean(n)[0], rel=1e-12)
-    assert deviating.survival(np.array([0.0, 50.0]), n)[0].tolist() == pytest.approx([1.0, 0.0], abs=1e-3)
+    assert deviating.survival(np.array([0.0, 2.0 * top]), n)[0].tolist() == pytest.approx([1.0, 0.0], abs=1e-3)
+    assert deviating.survival(np.array([0.5 * top]), n)[0, 0] > 5.0 * base.survival(np.array([0.5 * top]), n)[0, 0]
 
 
 def test_the_force_is_linear_in_the_deviations_and_the_slopes_are_its_derivatives():

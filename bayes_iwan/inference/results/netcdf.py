@@ -165,6 +165,7 @@ def _attributes(posterior: Posterior, folder: Path) -> dict[str, object]:
         "format": FORMAT,
         "seed": posterior.seed,
         "walkers": posterior.walkers,
+        "stretch": posterior.stretch,
         "thin": posterior.thin,
         "converged": int(posterior.converged),
         "message": posterior.message,
@@ -249,6 +250,7 @@ def read_netcdf(path: Path) -> Stored:
         run={
             "settings": settings_of(former_names.config_of(json.loads(stored["config"]))),
             "walkers": int(stored["walkers"]),
+            "stretch": float(stored.get("stretch", 1.0)),
             "thin": int(stored["thin"]),
             "point": _point_of(json.loads(stored["point"])),
             "seed": int(stored["seed"]),

@@ -54,6 +54,8 @@ class Posterior:
         None for loops that came from no folder.
     simulator_file
         where a user's own simulator came from.
+    stretch
+        factor by which the draws were made wider in the direction in which the tests disagree most.
 
     Examples
     --------
@@ -90,6 +92,7 @@ class Posterior:
     convergence: tuple[ConvergenceRow, ...]
     simulator_file: str = ""
     stop: Stop = Stop.CONVERGED
+    stretch: float = 1.0
 
     def __repr__(self) -> str:
         return "\n".join(

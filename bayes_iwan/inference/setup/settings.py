@@ -105,6 +105,8 @@ class SamplingSettings:
         least, each for every reported quantity that varies.
     draws
         kept in the posterior.
+    between_tests
+        make draws as wide as the tests disagree (:mod:`bayes_iwan.inference.solving.widening`).
     """
 
     ensembles: int = 4
@@ -115,6 +117,7 @@ class SamplingSettings:
     ess: float = 400.0
     taus: float = 10.0
     draws: int = 4096
+    between_tests: bool = True
 
     __repr__ = brief
 
