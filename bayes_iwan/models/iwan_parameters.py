@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 #: prior standard deviations of the embedded model error: of the k-th deviation of the slip forces' density the first
 #: number over k + 1, of the share of slip forces that are larger, of the exponent in k(α), of the corner in α
-SLIP_SD, TAIL_SD, EXPONENT_SD, CORNER_SD = 0.5, 0.1, 0.1, 0.05
+SLIP_SD, TAIL_SD, EXPONENT_SD, CORNER_SD = 0.5, 0.03, 0.1, 0.05
 #: scale of the t₂ priors of what changes the normal force: its median magnitude is 0.27, that of N(0, 0.4). The paper
 #: gives no scale, and by Table 1 the change grows with the amplitude (2.2 at 5 mm), so the tails are heavy
 NORMAL_FORCE_SCALE = 0.33

@@ -116,8 +116,8 @@ def _deviating_tables(
 
 @_jit
 def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Array) -> None:
-    """Tables of π_1 times the density into first (draws, cells, 4), of π_2 and higher into out (draws, terms, cells, 4),
-    by Simpson's rule.
+    """Tables of π_1 times the density into first (draws, cells, 4), of π_2 and on into out (draws, terms, cells, 4), by
+    Simpson's rule.
 
     ∫ π_k over (p, 1) is (P_{k−1}(x) − P_{k+1}(x)) / (2 √(2k + 1)), x = 2p − 1, by Legendre's recurrence.
     """

@@ -80,7 +80,7 @@ def test_tests_that_disagree_make_draws_wider(agreeing, disagreeing):
 
 
 def test_loops_stay_near_the_measured_ones_and_the_same_seed_gives_the_same(disagreeing):
-    """With the deviations integrated out: they are drawn anew for each place, so ln p falls as for a normal posterior."""
+    """With the deviations integrated out, which are drawn anew for each place."""
     loops, model = disagreeing.loops, SIMPLE["model"] | {"embedded": True}
     problem = make_problem(loops, {"model": model}).with_force(disagreeing.measured_N)
     z = drawn(problem)
