@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from bayes_iwan import __version__
-from bayes_iwan.cli import campaigns, diagnose, export, identification, withheld
+from bayes_iwan.cli import campaigns, modelling, withheld
 from bayes_iwan.cli.command import LOG, Command, quoted, say
 from bayes_iwan.cli.runs import RunLog, refuse_other_shells, refuse_recordings
 from bayes_iwan.errors import InputError
@@ -32,12 +32,12 @@ COMMANDS: list[Command] = [
     campaigns.run_import,
     campaigns.run_check,
     campaigns.run_inspect,
-    identification.run_identify,
-    identification.run_report,
-    identification.run_compare,
-    diagnose.run_diagnose,
-    export.run_export,
-    identification.run_batch,
+    modelling.run_identify,
+    modelling.run_report,
+    modelling.run_compare,
+    modelling.run_diagnose,
+    modelling.run_export,
+    modelling.run_batch,
     withheld.run_make,
     withheld.run_answer,
     withheld.run_score,
@@ -170,7 +170,7 @@ def _go_on(args: argparse.Namespace, words: Sequence[str]) -> str:
     if not hasattr(args, "out") and not hasattr(args, "resume"):
         return ""
     if hasattr(args, "resume"):
-        from bayes_iwan.cli.identification import going_on
+        from bayes_iwan.cli.modelling import going_on
 
         return going_on(args, words)
     return f"; finished pieces are kept. Run it again: {quoted(['bayes-iwan', *words])}"

@@ -45,6 +45,11 @@ def command(name: str, help: str, *arguments: Argument, examples: Sequence[str] 
     return lambda run: Command(name, help, arguments, run, tuple(examples))
 
 
+def given(args: argparse.Namespace, names: str) -> dict[str, Any]:
+    """Options by name, as the function that a command calls takes them."""
+    return {name: getattr(args, name) for name in names.split()}
+
+
 def say(text: str, file: TextIO | None = None) -> None:
     """Print for a reader, and for the log: names in files may hold what would steer the terminal, and must not."""
     text = plain(text)
@@ -83,10 +88,9 @@ def former_dask(text: str) -> None:
 
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
 OUT = argument(
-    "--out",
-    metavar="DIR",
-    help="folder for the results; made if need be (default: named after the campaign and the command)",
-)
+    "--out", metavar="DIR", help="folder for the results; made if need be (default: named after the campaign and the "
+    "command)",
+)  # fmt: skip
 OVERWRITE = argument(
     "--overwrite", action="store_true", help="write over the finished results of another campaign in that folder"
 )
@@ -106,10 +110,14 @@ def workers(default: str = "1") -> tuple[Argument, Argument]:
     )
 
 
-SIMULATOR = argument(
-    "--simulator",
-    metavar="FILE",
-    help="Python file with a model of your own, in the place of the Iwan model; its code is run",
-)
+def own_file(flag: str, what: str) -> Argument:
+    """A user's Python file."""
+    return argument(flag, metavar="FILE", help=f"{what}; its code is run")
+
+
+SIMULATOR = own_file("--simulator", "Python file with a model of your own, in the place of the Iwan model")
+STOP_AT_REFITS = argument("--quick", action="store_true", help="stop at refits and an approximate evidence")
 CONFIG = argument("--config", metavar="FILE", help="TOML file with what differs from the defaults")
 SEED = argument("--seed", metavar="N", type=seed, default=0, help="seed of all random numbers (default: 0)")
+#: of every command that fits
+RESULTS = (OUT, OVERWRITE, SEED)

@@ -3,7 +3,7 @@
 import argparse
 import os
 
-from bayes_iwan.cli.command import SEED, argument, command, say, workers
+from bayes_iwan.cli.command import SEED, STOP_AT_REFITS, argument, command, given, say, workers
 
 DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld make` wrote")
 
@@ -23,15 +23,8 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
 def run_make(args: argparse.Namespace) -> None:
     from bayes_iwan.withheld.sealed import make
 
-    truth = make(
-        args.n,
-        args.out,
-        seed=args.seed,
-        laws=args.laws,
-        excluded_laws=args.exclude_law,
-        excluded_outside=args.exclude_outside,
-        workers=args.workers,
-    )
+    options = {"excluded_laws": args.exclude_law, "excluded_outside": args.exclude_outside}
+    truth = make(args.n, args.out, **given(args, "seed laws workers"), **options)
     say(f"truths are in {truth}; keep them apart")
 
 
@@ -41,7 +34,7 @@ def run_make(args: argparse.Namespace) -> None:
     DIRECTORY,
     SEED,
     argument("--out", metavar="DIR", help="folder for the answers (default: DIR/answers)"),
-    argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
+    STOP_AT_REFITS,
     *workers(),
     examples=("bayes-iwan withheld answer cases --quick --workers 2",),
 )
@@ -55,7 +48,7 @@ def run_answer(args: argparse.Namespace) -> None:
         say("this machine cannot close the truths to the answering processes (it has no Landlock)")
     out = args.out or os.path.join(args.directory, "answers")
     with owned(out):
-        path = answer(args.directory, diagnose_case, out=out, seed=args.seed, quick=args.quick, workers=args.workers)
+        path = answer(args.directory, diagnose_case, out=out, **given(args, "seed quick workers"))
     say(f"answers are in {path}")
 
 
@@ -75,13 +68,5 @@ def run_answer(args: argparse.Namespace) -> None:
 def run_score(args: argparse.Namespace) -> None:
     from bayes_iwan.report.withheld_scores import write_score
 
-    say(
-        write_score(
-            args.directory,
-            args.truth,
-            answers=args.answers,
-            out=args.out,
-            allow_effects_file=args.allow_effects_file,
-            excluded=args.excluded,
-        )
-    )
+    options = given(args, "answers out allow_effects_file excluded")
+    say(write_score(args.directory, args.truth, **options))

@@ -95,11 +95,7 @@ def _p(value: float) -> str:
 
 
 def compare_frequencies(
-    joint: Posterior,
-    folder: str | os.PathLike[str] | None = None,
-    *,
-    run: bool = False,
-    replicates: int = 1000,
+    joint: Posterior, folder: str | os.PathLike[str] | None = None, *, run: bool = False, replicates: int = 1000
 ) -> Frequencies:
     """Each frequency of a joint posterior's fitted tests alone, and the checks whether they agree.
 

@@ -38,10 +38,7 @@ class RigCompliance(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "soft_ratio": ExtraParameter(
-                "ρ",
-                "-",
-                "compliance at small forces over that at large ones",
-                stats.lognorm(s=0.7, scale=1.0),
+                "ρ", "-", "compliance at small forces over that at large ones", stats.lognorm(s=0.7, scale=1.0)
             ),
             "soft_N": ExtraParameter(
                 "F₁",

@@ -33,9 +33,8 @@ def confusion_figure(score: Score) -> Figure:
     for i, j in np.argwhere(right):
         ax.add_patch(Rectangle((j, i), 1, 1, fill=False, edgecolor=ORANGE, linewidth=1.2))
     ax.set_xticks(ax.get_xticks(), [c.replace("_", " ") for c in columns], rotation=60, ha="right")
-    ax.set_xlabel("verdict")
-    ax.set_ylabel("truth (cases)")
     ax.set_title("Cases of at most one cause; outlined: right", fontsize=10)
+    ax.set(xlabel="verdict", ylabel="truth (cases)")
     ax.tick_params(labelsize=8)
     return fig
 
@@ -60,14 +59,11 @@ def reliability_figure(score: Score) -> Figure:
     top, bottom = fig.subplots(2, 1, sharex=True, height_ratios=(4, 1))
     top.plot([0, 1], [0, 1], color=PRIOR, lw=1, label="stated = found")
     _shares(top, reliability(score.cases), "share true, 95 % interval, causes named", BLUE)
-    top.set_ylim(0, 1.08)
-    top.set_ylabel("share of named causes that are there")
+    top.set(ylim=(0, 1.08), ylabel="share of named causes that are there")
     top.legend(loc="upper left", fontsize=8, frameon=False)
     stated = [m.stated for c in score.cases if c.answered for m in c.stated]
     bottom.hist(stated, bins=np.linspace(0, 1, 21).tolist(), color=BLUE)
-    bottom.set_xlabel("stated probability that a cause contributes")
-    bottom.set_ylabel("causes")
-    bottom.set_xlim(0, 1)
+    bottom.set(xlabel="stated probability that a cause contributes", ylabel="causes", xlim=(0, 1))
     return fig
 
 
@@ -81,8 +77,7 @@ def accuracy_figure(score: Score) -> Figure:
     for ax, (title, all_parts) in zip(fig.subplots(1, 2, sharey=True), panels):
         parts = [(c, k) for c, k in all_parts if c.truth.noise > 0 and k.visible > 0]
         ax.set_title(f"{title} ({len(parts)})", fontsize=10)
-        ax.set_xlabel("visible part of the size over noise")
-        ax.set_ylim(0, 1.1)
+        ax.set(xlabel="visible part of the size over noise", ylim=(0, 1.1))
         if not parts:
             continue
         values = [k.visible / c.truth.noise for c, k in parts]
@@ -114,8 +109,7 @@ def share_figure(score: Score) -> Figure:
             [100 * t for _, t in some], [100 * n.share for n, _ in some], "o", color=colour, ms=5, alpha=0.8,
             label=f"{label} ({len(some)})",
         )  # fmt: skip
-    ax.set_xlabel("true share of the gap, %")
-    ax.set_ylabel("stated share with its 90 % interval, %")
+    ax.set(xlabel="true share of the gap, %", ylabel="stated share with its 90 % interval, %")
     ax.legend(fontsize=8, frameon=False)
     return fig
 

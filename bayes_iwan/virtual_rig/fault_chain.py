@@ -182,9 +182,7 @@ LOW_PASS = FaultKind(
 # ---- what is added to the force
 
 
-def _added(
-    shape: Callable[[Array, Parameters, np.random.Generator], Array],
-) -> Callable[[Parameters], Acting]:
+def _added(shape: Callable[[Array, Parameters, np.random.Generator], Array]) -> Callable[[Parameters], Acting]:
     """`shape(t, p, rng)` times the rate and the record's length; nothing before the record starts."""
 
     def acts(p: Parameters) -> Acting:

@@ -159,9 +159,11 @@ def shares_figure(budget: GapBudget) -> Figure:
         ax.plot([], [], "D", color=RED, markerfacecolor="white", label="on held-out tests of the fit")
     ax.axvline(0.0, color=BLACK, linewidth=0.6)
     ax.set_yticks(y, [c.name.replace("_", " ") for c in causes])
-    ax.set_ylim(-0.7, len(causes) - 0.4)
-    ax.set_xlim(min(-0.05, 1.05 * least), 1.03)
-    ax.set_xlabel("share of the gap that it removes, with 90 % intervals")
+    ax.set(
+        ylim=(-0.7, len(causes) - 0.4),
+        xlim=(min(-0.05, 1.05 * least), 1.03),
+        xlabel="share of the gap that it removes, with 90 % intervals",
+    )
     figure.legend(loc="outside upper center", ncols=2, fontsize=7.5)
     return figure
 
@@ -224,8 +226,7 @@ def moved_figure(moved: Mapping[str, Moved]) -> Figure:
     ax.hlines(y, 0.0, change, color=BLUE, linewidth=1.2)
     ax.plot(change, y, "o", color=BLUE)
     ax.set_yticks(y, names)
-    ax.set_ylim(-0.6, len(names) - 0.4)
-    ax.set_xlabel("change in standard deviations (grey: within one)")
+    ax.set(ylim=(-0.6, len(names) - 0.4), xlabel="change in standard deviations (grey: within one)")
     return figure
 
 

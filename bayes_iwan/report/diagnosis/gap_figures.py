@@ -222,8 +222,7 @@ def gap_growth_figure(p: GapPictures) -> Figure:
             for k, t in enumerate(at):
                 ax.plot(x[t], y[k], linestyle="none", markerfacecolor=style["color"] if found[t] else "white", **style)
             ax.plot([], [], label=f"{_nominal(value):g} {unit}", linestyle=series(i)["linestyle"], **style)
-        ax.set_xscale("log")
-        ax.set_yscale("log")
+        ax.set(xscale="log", yscale="log")
         ticks = _apart(sorted({float(f"{v:.2g}") for v in x}))
         ax.set_xticks(ticks, [f"{v:g}" for v in ticks])
         ax.minorticks_off()
@@ -263,8 +262,7 @@ def gap_cycles_figure(p: GapPictures) -> Figure:
         ax.plot(cycle[t], along_N[t], label=name, marker=_TEST_MARKERS[t % 10], markersize=3.5, color=shades[t])
         ax.fill_between(cycle[t], size.along_low_N[t], size.along_high_N[t], color=shades[t], alpha=0.15, linewidth=0)
     ax.set_ylim(bottom=0.0)
-    ax.set_xlabel("cycle number (mean of each block of cycles)")
-    ax.set_ylabel("gap (N RMS)")
+    ax.set(xlabel="cycle number (mean of each block of cycles)", ylabel="gap (N RMS)")
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
     return figure
 

@@ -182,11 +182,7 @@ class Methods(IdentifiedSection):
 
 @house_style()
 def identification_report(
-    posterior: Posterior,
-    out_dir: str | os.PathLike[str],
-    *,
-    by_frequency: Frequencies | None = None,
-    pdf: bool = False,
+    posterior: Posterior, out_dir: str | os.PathLike[str], *, by_frequency: Frequencies | None = None, pdf: bool = False
 ) -> Path:
     """Write report.html, and CSV tables and parameters.tex below tables/, into out_dir; returns the page's path.
 

@@ -68,8 +68,7 @@ def slip_density_figure(posterior: Posterior, prior: bool = True) -> Figure:
     right.set_title("b. cumulative", loc="left")
     right.set_ylabel("share of elements below")
     for ax in (left, right):
-        ax.set_xlabel("slip force at rest φ (N)")
-        ax.set_xlim(0.0, float(phi[-1]))
+        ax.set(xlabel="slip force at rest φ (N)", xlim=(0.0, float(phi[-1])))
     right.legend(loc="lower right")
     return figure
 
@@ -100,9 +99,7 @@ def stiffness_figure(posterior: Posterior, prior: bool = True) -> Figure:
     ax.set_ylim(0.0, 1.15 * float(np.quantile(drawn, 0.99)))
     if prior:
         _prior_lines(ax, alpha, k(_prior_values(posterior)))
-    ax.set_xlim(0.0, float(alpha[-1]))
-    ax.set_xlabel("relative normal force α (-)")
-    ax.set_ylabel("element stiffness k(α) (N/mm)")
+    ax.set(xlim=(0.0, float(alpha[-1])), xlabel="relative normal force α (-)", ylabel="element stiffness k(α) (N/mm)")
     ax.legend(loc="lower right")
     return figure
 

@@ -99,8 +99,7 @@ def _labels(figure: Figure, axes: Sequence[Axes], x: str, y: str) -> None:
     """One label a side for all panels, or each panel's own where it stands in a figure of the caller's."""
     if into_given_axes():
         for ax in axes:
-            ax.set_xlabel(x)
-            ax.set_ylabel(y)
+            ax.set(xlabel=x, ylabel=y)
     else:
         figure.supxlabel(x, fontsize=9)
         figure.supylabel(y, fontsize=9)
@@ -203,8 +202,7 @@ def paper_fig3(posterior: Posterior, test: int | None = None, predictive: Predic
     for ax, friction, letter in zip(axes[0], (False, True), "ab"):
         draw_loop(ax, p, t, friction)
         ax.set_title(f"{letter}. " + ("force without its linear portion" if friction else "total force"), loc="left")
-        ax.set_xlabel("displacement u (mm)")
-        ax.set_ylabel("friction force (N)" if friction else "force (N)")
+        ax.set(xlabel="displacement u (mm)", ylabel="friction force (N)" if friction else "force (N)")
     figure.suptitle(test_name(p.loops[t]), fontsize=9.5)
     return figure
 
@@ -239,9 +237,8 @@ def frequencies_figure(posterior: Posterior, predictive: Predictive | None = Non
                 linestyle=(0, (4, 2)),
                 label=f"{name}, model",
             )
-    ax.set_xlabel("displacement u (mm)")
-    ax.set_ylabel("friction force (N)")
     ax.set_title(f"amplitude {p.loops[chosen[0]].record.amplitude_mm:g} mm", loc="left")
+    ax.set(xlabel="displacement u (mm)", ylabel="friction force (N)")
     beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
     ax.legend(**({"loc": "best"} if into_given_axes() else beside))
     return figure

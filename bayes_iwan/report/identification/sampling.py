@@ -111,11 +111,9 @@ def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
         else:
             ax.plot(steps, tau[:, i], color="#AAAAAA", linewidth=0.6)
     ax.plot(steps, steps / taus, color="#444444", linestyle=(0, (2, 2)), linewidth=0.9, label=f"steps / {taus:g}")
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
     for axis, low, high in ((ax.xaxis, steps[0], steps[-1]), (ax.yaxis, *ax.get_ylim())):
         decimal_ticks(axis, low, high)
-    ax.set_xlabel("steps of production")
-    ax.set_ylabel("autocorrelation time (steps)")
+    ax.set(xlabel="steps of production", ylabel="autocorrelation time (steps)")
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure

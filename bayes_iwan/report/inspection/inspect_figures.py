@@ -94,8 +94,7 @@ def trends(tests: Sequence[Inspection], units: Units) -> Figure:
             ax.errorbar(
                 x, y, half, linewidth=0.8, capsize=2.5, label=f"{f:g} Hz", **points(k), linestyle=series(k)["linestyle"]
             )
-        ax.set_xlabel(units.text("amplitude (mm)"))
-        ax.set_ylabel(units.text(label))
+        ax.set(xlabel=units.text("amplitude (mm)"), ylabel=units.text(label))
         ax.set_ylim(bottom=0)
     if tests[0].loop.record.clock:
         axes[0, 0].legend(ncols=2 if len(frequencies) > 4 else 1)
@@ -119,8 +118,10 @@ def noise(tests: Sequence[Inspection], units: Units) -> Figure:
         decimal_ticks(ax.yaxis, *ax.get_ylim())
         ax.set_title(units.text(f"{test_name(test.loop)}: {test.noise_N:.2g} N"))
         clock = test.loop.record.clock
-        ax.set_xlabel("frequency (Hz)" if clock else "periods in one cycle")
-        ax.set_ylabel(units.text("noise (N/√Hz)" if clock else "noise (N, per root of a period in a cycle)"))
+        ax.set(
+            xlabel="frequency (Hz)" if clock else "periods in one cycle",
+            ylabel=units.text("noise (N/√Hz)" if clock else "noise (N, per root of a period in a cycle)"),
+        )
     return figure
 
 
@@ -148,8 +149,7 @@ def drift(tests: Sequence[Inspection], units: Units) -> Figure:
         ):
             ax.plot(each.number, 100 * (values / np.median(values) - 1), label=label, **series(k))
         ax.set_title(units.text(test_name(test.loop)))
-        ax.set_xlabel("cycle")
-        ax.set_ylabel("off the median (%)")
+        ax.set(xlabel="cycle", ylabel="off the median (%)")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
     return figure
@@ -173,9 +173,7 @@ def drive(tests: Sequence[Inspection], units: Units) -> Figure:
     ax.set_yscale("log")
     decimal_ticks(ax.yaxis, *ax.get_ylim())
     ax.set_xticks(orders)
-    ax.set_xlim(1.5, 10.5)
-    ax.set_xlabel("harmonic of the drive")
-    ax.set_ylabel("share of the fundamental (%)")
+    ax.set(xlim=(1.5, 10.5), xlabel="harmonic of the drive", ylabel="share of the fundamental (%)")
     if len(tests) <= 12:
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
