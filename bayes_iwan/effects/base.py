@@ -57,6 +57,13 @@ class ExtraParameter:
     scan: bool = True
 
 
+def form(
+    symbol: str, description: str, prior: Distribution, lower: float = -np.inf, upper: float = np.inf
+) -> ExtraParameter:
+    """A dimensionless parameter that changes a law's form about the classical one."""
+    return ExtraParameter(symbol, "-", description, prior, lower, upper, scan=False)
+
+
 class Records(Protocol):
     """What effects ask of a campaign's data: signals on each record's samples, averaged as its force was."""
 

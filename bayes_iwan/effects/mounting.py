@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Inner, Motion, moved_by
+from bayes_iwan.effects.base import Effect, ExtraParameter, Inner, Motion, form, moved_by
 from bayes_iwan.models.kernels import pointwise
 
 #: a motion in series is solved for until the residual displacement (RMS) of every loop is within this share of its
@@ -172,14 +172,8 @@ class FreePlay(Effect):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "softness": ExtraParameter(
-                "w",
-                "-",
-                "way over which the ends close, over half the play",
-                stats.lognorm(s=1.0, scale=0.05),
-                1e-4,
-                1.0,
-                scan=False,
+            "softness": form(
+                "w", "way over which the ends close, over half the play", stats.lognorm(s=1.0, scale=0.05), 1e-4, 1.0
             )
         }
 

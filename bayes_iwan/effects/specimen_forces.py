@@ -3,7 +3,7 @@
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered, form
 from bayes_iwan.effects.law_families import about, lognormal, power_of
 
 
@@ -36,7 +36,7 @@ class ViscousDamping(Effect):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "exponent": ExtraParameter("p", "-", "power of the speed", lognormal(1.0, 0.25), 0.3, 1.65, scan=False),
+            "exponent": form("p", "power of the speed", lognormal(1.0, 0.25), 0.3, 1.65),
             "thinning_m_s": ExtraParameter(
                 "v₁",
                 "m/s",
@@ -44,9 +44,7 @@ class ViscousDamping(Effect):
                 lognormal(0.1 * self.scales.speed_m_s, 1.5),
                 scan=False,
             ),
-            "one_way": ExtraParameter(
-                "s", "-", "difference of rising and falling u over their sum", about(0.0, 0.25), -1.0, 1.0, scan=False
-            ),
+            "one_way": form("s", "difference of rising and falling u over their sum", about(0.0, 0.25), -1.0, 1.0),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -89,15 +87,8 @@ class MaxwellBranch(Effect):
             "tau_s": ExtraParameter(
                 "τ", "s", "relaxation time", lognormal(1.5 * radian_s, 1.2), 0.02 * radian_s, 150.0 * radian_s
             ),
-            "spread": ExtraParameter(
-                "a",
-                "-",
-                "fractional order: 1 one relaxation time, less a spread",
-                about(1.0, 0.2),
-                0.3,
-                1.0,  # beyond it such a branch would ring as a mass does
-                scan=False,
-            ),
+            # beyond order 1 such a branch would ring as a mass does
+            "spread": form("a", "fractional order: 1 one relaxation time, less a spread", about(1.0, 0.2), 0.3, 1.0),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -138,9 +129,7 @@ class MovingMass(Effect):
             "period_s": ExtraParameter(
                 "1/f_m", "s", "natural period of the mass on its mount", lognormal(0.07 / top_hz, 1.1)
             ),
-            "damping": ExtraParameter(
-                "ζ", "-", "damping ratio of the mount", lognormal(0.12, 0.8), 0.0, 1.0, scan=False
-            ),
+            "damping": form("ζ", "damping ratio of the mount", lognormal(0.12, 0.8), 0.0, 1.0),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -176,10 +165,8 @@ class QuadraticStiffness(Effect):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "exponent": ExtraParameter("n", "-", "power of |u|", about(2.0, 0.4), 1.05, 2.95, scan=False),
-            "one_sided": ExtraParameter(
-                "b", "-", "0: both sides alike, ±1: one side alone", about(0.0, 0.4), -1.2, 1.2, scan=False
-            ),
+            "exponent": form("n", "power of |u|", about(2.0, 0.4), 1.05, 2.95),
+            "one_sided": form("b", "0: both sides alike, ±1: one side alone", about(0.0, 0.4), -1.2, 1.2),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -211,7 +198,7 @@ class CubicStiffness(Effect):
         return 0.1 * self.scales.slip_N / self.scales.length_mm**3
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        return {"exponent": ExtraParameter("n", "-", "power of |u|", about(3.0, 0.7), 1.3, 4.7, scan=False)}
+        return {"exponent": form("n", "power of |u|", about(3.0, 0.7), 1.3, 4.7)}
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         length, u = self.scales.length_mm, motion.displacement_mm
@@ -233,9 +220,7 @@ class TrilinearStiffness(CubicStiffness):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "knee": ExtraParameter("x₀", "-", "where the slope changes, over ℓ", about(0.5, 0.25), 0.05, 0.95),
-            "width": ExtraParameter(
-                "w", "-", "half width of the change of slope, over ℓ", lognormal(0.1, 0.7), 0.01, 0.6, scan=False
-            ),
+            "width": form("w", "half width of the change of slope, over ℓ", lognormal(0.1, 0.7), 0.01, 0.6),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -279,14 +264,8 @@ class _Contact(Effect):
             "clearance_mm": ExtraParameter(
                 "g", "mm", "displacement at which contact begins", lognormal(0.75 * a, 0.35), 0.02 * a, 0.99 * a
             ),
-            "exponent": ExtraParameter(
-                "e",
-                "-",
-                "exponent of the contact: 1 a spring, 3/2 round bodies",
-                lognormal(1.2, 0.22),
-                0.8,
-                2.5,
-                scan=False,
+            "exponent": form(
+                "e", "exponent of the contact: 1 a spring, 3/2 round bodies", lognormal(1.2, 0.22), 0.8, 2.5
             ),
             "loss_s_m": ExtraParameter(
                 "λ",
