@@ -365,13 +365,6 @@ def moved_by(motion: Motion, displacement_mm: Array) -> Motion:
     """The motion with another displacement (draws, loops, samples); how it changes the speeds is taken by central
     differences over the period, so that no change of displacement is no change of speed."""
     velocity, acceleration = np.empty_like(displacement_mm), np.empty_like(displacement_mm)
-    speeds_of_change(
-        displacement_mm,
-        np.ascontiguousarray(motion.displacement_mm),
-        np.ascontiguousarray(motion.velocity_m_s),
-        np.ascontiguousarray(motion.acceleration_m_s2),
-        0.5 * motion.frequency_hz * motion.samples,
-        velocity,
-        acceleration,
-    )
+    u, v, a = map(np.ascontiguousarray, (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2))
+    speeds_of_change(displacement_mm, u, v, a, 0.5 * motion.frequency_hz * motion.samples, velocity, acceleration)
     return motion.moved(displacement_mm, velocity, acceleration)

@@ -299,11 +299,6 @@ class DirectionDependentSlip(DirectionDependentNormalForce):
 
 
 EFFECTS: tuple[type[Effect], ...] = (
-    StribeckWeakening,
-    RateStrengthening,
-    FrictionFade,
-    SpringSoftening,
-    DirectionDependentFriction,
-    DirectionDependentNormalForce,
-    DirectionDependentSlip,
-)
+    StribeckWeakening, RateStrengthening, FrictionFade, SpringSoftening, DirectionDependentFriction,
+    DirectionDependentNormalForce, DirectionDependentSlip,
+)  # fmt: skip

@@ -112,14 +112,9 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
     if not (np.isfinite(scalars).all() and np.isfinite(tables).all() and np.all(top > 0.0)):
         raise ExportError("some draws give no finite force (slip forces or laws out of range); export fewer draws")
     return Device(
-        parameters=parameters,
-        tables=np.ascontiguousarray(tables),
-        top_N=top,
-        stages={name: tuple(code) for name, code in stages.items()},
-        states=states,
-        named=named,
-        omitted=omitted,
-    )
+        parameters=parameters, tables=np.ascontiguousarray(tables), top_N=top, states=states, named=named,
+        stages={name: tuple(code) for name, code in stages.items()}, omitted=omitted,
+    )  # fmt: skip
 
 
 def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[str, Array], dict[str, list[str]]]:
@@ -157,22 +152,16 @@ def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[st
         alpha.append(f"alpha *= exp(p->{embedded_error.CORNER_NAME} / (1.0 + {at_corner} * {at_corner}));")
         stages["stiffness"].append(f"k *= exp(p->{embedded_error.STIFFNESS_NAME} * log(alpha));")
     if law.name == "constant" and not floored:  # α is 1, so k is k(1) whatever the law of the stiffness
-        keep = model.embedded and np.any(parameters[embedded_error.CORNER_NAME] != 0.0)
-        if not keep:
+        if not (model.embedded and np.any(parameters[embedded_error.CORNER_NAME] != 0.0)):
             alpha.clear()
             stages["stiffness"].clear()
     return parameters, stages
 
 
 def _add(
-    effect: Effect,
-    law: Law,
-    values: ParameterValues,
-    tested_hz: tuple[float, float],
-    parameters: dict[str, Array],
-    stages: dict[str, list[str]],
-    states: dict[str, tuple[int, float]],
-) -> None:
+    effect: Effect, law: Law, values: ParameterValues, tested_hz: tuple[float, float], parameters: dict[str, Array],
+    stages: dict[str, list[str]], states: dict[str, tuple[int, float]],
+) -> None:  # fmt: skip
     """An effect's parameters, states and C, under names of its own."""
     short = {p.name.split(".", 1)[1]: p.name for p in effect.parameters}
     own = law.numbers(effect, values, tested_hz) if law.numbers else {n: values[full] for n, full in short.items()}

@@ -113,16 +113,9 @@ def genetic_search(
                 stopped = "stall"
                 break
     return GlobalOptimum(
-        seed=seed,
-        x=x[0].copy(),
-        objective=float(f[0]),
-        first=founders,
-        population=x,
-        best=np.array(best),
-        median=np.array(median),
-        n_evaluations=call.count,
-        stopped=stopped,
-    )
+        seed=seed, x=x[0].copy(), objective=float(f[0]), first=founders, population=x, best=np.array(best),
+        median=np.array(median), n_evaluations=call.count, stopped=stopped,
+    )  # fmt: skip
 
 
 class _Objective:

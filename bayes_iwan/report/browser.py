@@ -25,14 +25,8 @@ _PLACES = (
 )
 #: nothing of a user's own browser is touched, and nothing is asked of a network
 OPTIONS = (
-    "--headless=new",
-    "--disable-gpu",
-    "--disable-quic",
-    "--disable-sync",
-    "--disable-extensions",
-    "--disable-component-update",
-    "--disable-background-networking",
-    "--no-first-run",
+    *(f"--disable-{x}" for x in ("gpu", "quic", "sync", "extensions", "component-update", "background-networking")),
+    *("--headless=new", "--no-first-run"),
     *(("--no-sandbox",) if getattr(os, "geteuid", lambda: 1)() == 0 else ()),  # Chromium's sandbox refuses root
 )
 PATIENCE_S = 180.0

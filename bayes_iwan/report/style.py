@@ -33,48 +33,24 @@ if TYPE_CHECKING:
     from bayes_iwan.campaign.recording.units import Units
 
 #: Okabe & Ito's palette; never the only sign: lines differ in dash and markers in shape too
-BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
-    "#000000",
-    "#E69F00",
-    "#56B4E9",
-    "#009E73",
-    "#F0E442",
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-)
+BLACK, ORANGE, SKY, GREEN, BLUE = "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2"
+RED, PURPLE = "#D55E00", "#CC79A7"
 MEASURED, MODEL, PRIOR = BLACK, BLUE, "#8A8A8A"
 _SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)
 _DASHES: tuple[LineStyleType, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 _MARKERS = "osD^vPX"
 
 RC: Any = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],
-    "font.size": 8.5,
-    "axes.titlesize": 9,
-    "axes.labelsize": 8.5,
-    "legend.fontsize": 8,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.7,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.5,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 4,
-    "legend.frameon": False,
+    "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"], "font.size": 8.5,
+    "axes.titlesize": 9, "axes.labelsize": 8.5, "legend.fontsize": 8, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.7, "axes.grid": True,
+    "axes.axisbelow": True, "grid.color": "#DDDDDD", "grid.linewidth": 0.5, "lines.linewidth": 1.2,
+    "lines.markersize": 4, "legend.frameon": False, "axes.unicode_minus": True, "path.simplify_threshold": 0.3,
     "svg.fonttype": "none",  # text stays text: a browser prints it so
     "pdf.fonttype": 42,  # the same in files: whole letters, which publishers ask for
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-    "axes.unicode_minus": True,
-    "path.simplify_threshold": 0.3,
+    "figure.facecolor": "white", "savefig.facecolor": "white",
     "figure.constrained_layout.w_pad": 0.09,  # a browser's letters are a little wider than those laid out
-}
+}  # fmt: skip
 
 #: dots an inch of PNG files, at which figures are laid out: at 100 letters are hinted a tenth narrower than elsewhere,
 #: and labels that fit there would be cut off in every file
@@ -136,10 +112,8 @@ def unset_rc() -> Any:
     default = mpl.rcParamsDefault
     own = {key: value for key, value in RC.items() if mpl.rcParams[key] == default[key]}
     grown = 1.0 if "font.size" in own else mpl.rcParams["font.size"] / RC["font.size"]
-    return {
-        key: value * grown if key.endswith(("titlesize", "labelsize", "fontsize")) else value
-        for key, value in own.items()
-    }
+    letters = {key: own[key] * grown for key in own if key.endswith(("titlesize", "labelsize", "fontsize"))}
+    return own | letters
 
 
 def styled(make: F) -> F:
@@ -311,15 +285,9 @@ def ticked(axes: Sequence[Axes]) -> None:
 
 
 def band(
-    axes: Axes,
-    x: Array,
-    draws: Array,
-    color: str = MODEL,
-    levels: Sequence[float] = (0.9, 0.5),
-    line: LineStyleType = "-",
-    label: str | None = None,
-    median: bool = True,
-) -> None:
+    axes: Axes, x: Array, draws: Array, color: str = MODEL, levels: Sequence[float] = (0.9, 0.5),
+    line: LineStyleType = "-", label: str | None = None, median: bool = True,
+) -> None:  # fmt: skip
     """Central intervals of draws (draws, len(x)) at each x, wide ones pale, and the median."""
     for level, shade in zip(levels, (0.22, 0.42)):
         low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)
@@ -329,14 +297,9 @@ def band(
 
 
 def numbered_cells(
-    axes: Axes,
-    values: Array,
-    texts: Sequence[Sequence[str]],
-    rows: Sequence[str],
-    columns: Sequence[str],
-    bold: NDArray[np.bool_] | None = None,
-    **mesh: Any,
-) -> None:
+    axes: Axes, values: Array, texts: Sequence[Sequence[str]], rows: Sequence[str], columns: Sequence[str],
+    bold: NDArray[np.bool_] | None = None, **mesh: Any,
+) -> None:  # fmt: skip
     """A table of coloured cells (rows, columns) with a text in each, rows from the top down; bold : which of them."""
     n, m = values.shape
     axes.pcolormesh(np.arange(m + 1), np.arange(n + 1), values, edgecolors="white", linewidth=1.0, **mesh)

@@ -34,15 +34,12 @@ def _load(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 
 COMPLIANCE = FaultKind(
-    "rig_compliance",
-    "compliance_mm_N",
-    linear(lambda s: 0.08),
-    (
+    "rig_compliance", "compliance_mm_N", linear(lambda s: 0.08), (
         Law("linear", lambda p: Acting(extra_compliance_mm_N=p["compliance_mm_N"])),
         Law("stiffening", _stiffening_joint, _load),
         Law("hertz", _hertz_joint, _load),
     ),
-)
+)  # fmt: skip
 
 
 def _loose(play_mm: float) -> FaultValues:
@@ -65,21 +62,15 @@ def _give(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 
 PLAY = FaultKind(
-    "free_play",
-    "play_mm",
-    linear(lambda s: 0.25 * s.largest_mm),
-    (
+    "free_play", "play_mm", linear(lambda s: 0.25 * s.largest_mm), (
         Law("hard", lambda p: Acting(motion=_loose(p["play_mm"]))),
         Law("hertz_ends", _soft_play(lambda x: (x + 0.01) ** (2 / 3) - 0.01 ** (2 / 3)), _give),
         Law("rough_ends", _soft_play(lambda x: np.log1p(20.0 * x) / np.log(21.0)), _give),
     ),
-)
+)  # fmt: skip
 
 MASS = FaultKind(
-    "moving_mass",
-    "m_kg",
-    linear(lambda s: 2e3 * s.stiffness_N_mm / s.fastest_rad_s**2),
-    (
+    "moving_mass", "m_kg", linear(lambda s: 2e3 * s.stiffness_N_mm / s.fastest_rad_s**2), (
         Law("rigid", lambda p: Acting(chain=Chain(moving_mass_kg=p["m_kg"]))),
         Law("soft_mount",
             lambda p: Acting(
@@ -113,16 +104,13 @@ def _delayed(filtered: Callable[[float], Transfer]) -> Callable[[Parameters], Ac
 
 
 DELAY = FaultKind(
-    "channel_delay",
-    "delay_s",
-    linear(lambda s: 0.004),
-    (
+    "channel_delay", "delay_s", linear(lambda s: 0.004), (
         Law("pure", lambda p: Acting(chain=Chain(delay_s=p["delay_s"]))),
         Law("all_pass", _delayed(lambda t: ((-0.5 * t, 1.0), (0.5 * t, 1.0)))),
         Law("second_order", _delayed(lambda t: ((1.0,), (0.36 * t * t, t, 1.0)))),
     ),
     signed=True,
-)
+)  # fmt: skip
 
 
 #: the name of a law, and its filter for a corner frequency (Hz)
@@ -176,7 +164,7 @@ LOW_PASS = FaultKind(
         ("bessel", lambda f: _order("bessel", 2, f)),
         ("fourth_order", lambda f: _order("butter", 4, f)),
     ),
-)
+)  # fmt: skip
 
 
 # ---- what is added to the force
@@ -206,10 +194,7 @@ def _record(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 
 DRIFT = FaultKind(
-    "force_drift",
-    "rate_N_s",
-    linear(lambda s: 2.0 * s.friction_rms_N / s.record_s),
-    (
+    "force_drift", "rate_N_s", linear(lambda s: 2.0 * s.friction_rms_N / s.record_s), (
         Law("steady", _added(lambda t, p, rng: t), evolves=True),
         Law("settling", _added(lambda t, p, rng: 1.0 - np.exp(-t / (p["settle_share"] * p["record_s"]))),
             lambda g, s: {**_record(g, s), "settle_share": float(g.uniform(0.15, 0.5))}, True),
@@ -238,17 +223,14 @@ def _mains(third: float, fifth: float, wander_hz: float = 0.0, beat: float = 0.0
 
 
 MAINS = FaultKind(
-    "mains_interference",
-    "amplitude_N",
-    linear(lambda s: 0.6 * s.friction_rms_N),
-    (
+    "mains_interference", "amplitude_N", linear(lambda s: 0.6 * s.friction_rms_N), (
         Law("sine", _mains(0.0, 0.0)),
         Law("harmonics", _mains(0.35, 0.15)),
         Law("wandering", _mains(0.1, 0.0, wander_hz=0.08)),
         Law("beating", _mains(0.1, 0.05, beat=0.5)),
     ),
     lambda g, s: {"frequency_hz": float(g.choice([50.0, 60.0]))},
-)
+)  # fmt: skip
 
 
 # ---- one limit in newtons for the whole campaign
@@ -276,10 +258,7 @@ def _unequal(p: Parameters) -> Acting:
 
 
 CLIPPING = FaultKind(
-    "force_clipping",
-    "limit_N",
-    lambda s, strength: s.force_peak_N * (1.0 - 0.7 * strength),
-    (
+    "force_clipping", "limit_N", lambda s, strength: s.force_peak_N * (1.0 - 0.7 * strength), (
         Law("hard", _clipped(lambda x, p: np.clip(x, -1.0, 1.0))),
         Law("soft", _clipped(_soft_knee), lambda g, s: {"sharpness": float(g.uniform(4.0, 12.0))},
             strongest=lambda s, strength: s.force_peak_N * 0.3 / strength),

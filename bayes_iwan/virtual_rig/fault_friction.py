@@ -29,11 +29,8 @@ def _falling(shape: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
 def _ageing(p: Parameters) -> Acting:
     """Dieterich's ageing: the logarithm of the contact's age, which slip renews over a length."""
     cut = p["length_mm"] / (1e3 * p["v_s_m_s"])
-    return Acting(
-        motion=FaultValues(
-            healing=p["drop"], healing_slip=p["length_mm"], healing_cut=cut, healing_time=max(p["rest_s"], 2 * cut)
-        )
-    )
+    drop, length, rest = p["drop"], p["length_mm"], max(p["rest_s"], 2 * cut)
+    return Acting(motion=FaultValues(healing=drop, healing_slip=length, healing_cut=cut, healing_time=rest))
 
 
 def _breakaway(p: Parameters) -> Acting:
@@ -42,10 +39,7 @@ def _breakaway(p: Parameters) -> Acting:
 
 
 STRIBECK = FaultKind(
-    "stribeck_weakening",
-    "drop",
-    linear(lambda s: 0.6),
-    (
+    "stribeck_weakening", "drop", linear(lambda s: 0.6), (
         Law("exponential", _falling(lambda x: 1.0 - np.exp(-x))),
         Law("gaussian", _falling(lambda x: 1.0 - np.exp(-(x**2)))),
         Law("lorentzian", _falling(lambda x: x**2 / (1.0 + x**2))),
@@ -78,10 +72,7 @@ def _power_rise(x: Array, p: Parameters) -> Array:
 
 
 RATE = FaultKind(
-    "rate_strengthening",
-    "c",
-    linear(lambda s: 0.3),
-    (
+    "rate_strengthening", "c", linear(lambda s: 0.3), (
         Law("logarithm", _rising(lambda x, p: np.log1p(x))),
         Law("power", _rising(_power_rise), lambda g, s: {"power": float(g.uniform(0.15, 0.5))}),
         Law("arcsinh", _rising(lambda x, p: np.arcsinh(x))),
@@ -95,10 +86,7 @@ RATE = FaultKind(
 # ---- a normal force that acts late
 
 LAG = FaultKind(
-    "normal_force_lag",
-    "tau_s",
-    linear(lambda s: 0.03),
-    (
+    "normal_force_lag", "tau_s", linear(lambda s: 0.03), (
         Law("first_order", lambda p: Acting(motion=FaultValues(lag_rise_s=p["tau_s"], lag_fall_s=p["tau_s"]))),
         Law("second_order",
             lambda p: Acting(motion=FaultValues(
@@ -125,13 +113,9 @@ def _fading(
     shape: Callable[[Array], Array], by_work: bool = False, drags: bool = False
 ) -> Callable[[Parameters], Acting]:
     def acts(p: Parameters) -> Acting:
-        return Acting(
-            motion=FaultValues(
-                fade_work_Nmm=p["work_a_cycle_Nmm"] if by_work else 0.0,
-                fade_stiffness=p["stiffness_power"] if drags else 0.0,
-            ),
-            fade_factor=lambda x: 1.0 - p["drop"] * shape(x / p["cycles"]),
-        )
+        work, power = p["work_a_cycle_Nmm"] if by_work else 0.0, p["stiffness_power"] if drags else 0.0
+        faded = FaultValues(fade_work_Nmm=work, fade_stiffness=power)
+        return Acting(motion=faded, fade_factor=lambda x: 1.0 - p["drop"] * shape(x / p["cycles"]))
 
     return acts
 
@@ -142,10 +126,7 @@ def _heated(p: Parameters) -> Acting:
 
 
 FADE = FaultKind(
-    "friction_fade",
-    "drop",
-    linear(lambda s: 0.5),
-    (
+    "friction_fade", "drop", linear(lambda s: 0.5), (
         Law("exponential", _fading(lambda x: 1.0 - np.exp(-x)), evolves=True),
         Law("power", _fading(lambda x: 1.0 - (1.0 + x) ** -0.5), evolves=True),
         Law("logarithm", _fading(lambda x: np.log1p(x) / np.log(10.0)), evolves=True),
@@ -166,20 +147,12 @@ FADE = FaultKind(
 
 def _directional(p: Parameters) -> Acting:
     """Of the two further parameters a law has one or none."""
-    return Acting(
-        motion=FaultValues(
-            direction=p["asymmetry"],
-            direction_speed=p.get("speed_mm_s", 0.0),
-            direction_slope_1_mm=p.get("slope_1_mm", 0.0),
-        )
-    )
+    speed, slope = p.get("speed_mm_s", 0.0), p.get("slope_1_mm", 0.0)
+    return Acting(motion=FaultValues(direction=p["asymmetry"], direction_speed=speed, direction_slope_1_mm=slope))
 
 
 DIRECTION = FaultKind(
-    "direction_dependent_friction",
-    "asymmetry",
-    linear(lambda s: 0.45),
-    (
+    "direction_dependent_friction", "asymmetry", linear(lambda s: 0.45), (
         Law("limits", _directional),
         Law("with_speed", _directional, lambda g, s: {"speed_mm_s": float(g.uniform(0.1, 0.4)) * s.speed_mm_s}),
         Law("with_position", _directional,

@@ -52,10 +52,7 @@ def _blow_off(p: Parameters) -> Acting:
 
 
 VISCOUS = FaultKind(
-    "viscous_damping",
-    "c_N_s_mm",
-    linear(lambda s: 2 * s.stiffness_N_mm / s.fastest_rad_s),
-    (
+    "viscous_damping", "c_N_s_mm", linear(lambda s: 2 * s.stiffness_N_mm / s.fastest_rad_s), (
         Law("linear", lambda p: Acting(speed_force=lambda v: p["c_N_s_mm"] * v)),
         Law("power", _power_damping, _draw_power),
         Law("shear_thinning", _thinning_damping,
@@ -90,10 +87,7 @@ def _two_times(p: Parameters) -> Acting:
 
 
 MAXWELL = FaultKind(
-    "maxwell_branch",
-    "k_N_mm",
-    linear(lambda s: 3 * s.stiffness_N_mm),
-    (
+    "maxwell_branch", "k_N_mm", linear(lambda s: 3 * s.stiffness_N_mm), (
         Law("one_time", lambda p: Acting(
             motion=FaultValues(branch_k=np.array([p["k_N_mm"]]), branch_tau=np.array([p["tau_s"]])))),
         Law("springpot", _springpot, lambda g, s: {"order": float(g.uniform(0.2, 0.6))}),
@@ -131,10 +125,7 @@ def _two_slopes(p: Parameters) -> Acting:
 
 
 QUADRATIC = FaultKind(
-    "quadratic_stiffness",
-    "k2_N_mm2",
-    linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm),
-    (
+    "quadratic_stiffness", "k2_N_mm2", linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm), (
         Law("square", lambda p: Acting(displacement_force=lambda d: p["k2_N_mm2"] * d**2)),
         Law("exponential", _exponential_quadratic,
             lambda g, s: {**_largest(g, s), "steepness": float(g.uniform(0.8, 2))}),
@@ -173,17 +164,14 @@ def _draw_knee(low: float, high: float) -> Draw:
 
 
 CUBIC = FaultKind(
-    "cubic_stiffness",
-    "k3_N_mm3",
-    linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm**2),
-    (
+    "cubic_stiffness", "k3_N_mm3", linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm**2), (
         Law("cube", lambda p: Acting(displacement_force=lambda d: p["k3_N_mm3"] * d**3)),
         Law("bends", _trilinear, _draw_knee(0.35, 0.65)),
         Law("tanh", _tanh_spring, _draw_knee(0.3, 0.8)),
         Law("sinh", _sinh_spring, _draw_knee(0.2, 0.4)),
     ),
     signed=True,
-)
+)  # fmt: skip
 
 
 # ---- a stop on one side
@@ -218,10 +206,7 @@ def _hertz_stops(p: Parameters) -> Acting:
 
 
 END_STOP = FaultKind(
-    "end_stop",
-    "k_N_mm",
-    linear(lambda s: 60.0),
-    (
+    "end_stop", "k_N_mm", linear(lambda s: 60.0), (
         Law("straight", _stop(1.0)),
         Law("hertz", _stop(1.5), lambda g, s: {"indent_mm": 0.2 * s.largest_mm}),
         Law("lossy", _stop(1.0, loss=True), lambda g, s: {"loss_s_m": float(g.uniform(5.0, 25.0))}),
@@ -246,10 +231,7 @@ def _draw_heat(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 
 SOFTENING = FaultKind(
-    "spring_softening",
-    "drop",
-    linear(lambda s: 0.5),
-    (
+    "spring_softening", "drop", linear(lambda s: 0.5), (
         Law("settles",
             lambda p: Acting(motion=FaultValues(warming_1_s=p["drop"] / p["tau_s"], warming_tau=p["tau_s"])),
             evolves=True),

@@ -110,22 +110,14 @@ def coloured_noise(rng: np.random.Generator, n: int, rms: float, correlation: fl
 
 
 def measure(
-    time_s: Array,
-    displacement_mm: Array,
-    force_N: Array,
-    sample_times_s: Array,
-    sensors: Sensors,
-    chain: Chain,
-    rng: np.random.Generator,
-    clean: bool = False,
-    frequency_hz: float = 1.0,
-) -> tuple[Array, Array]:
+    time_s: Array, displacement_mm: Array, force_N: Array, sample_times_s: Array, sensors: Sensors, chain: Chain,
+    rng: np.random.Generator, clean: bool = False, frequency_hz: float = 1.0,
+) -> tuple[Array, Array]:  # fmt: skip
     """Sample the motion as the chain would.
 
     Parameters: `time_s` (n,) uniform fine steps, the displacement at the sensor and the force in the sensor's
-    place (n,); `sample_times_s` (m,) within them. `clean` leaves noise and digitiser's steps
-    out; `frequency_hz` is the drive's. Returns the
-    displacement (mm) and the force (N), each (m,).
+    place (n,); `sample_times_s` (m,) within them. `clean` leaves noise and digitiser's steps out; `frequency_hz` is the
+    drive's. Returns the displacement (mm) and the force (N), each (m,).
     """
     rate = 1.0 / (time_s[1] - time_s[0])
     x, f = displacement_mm, force_N

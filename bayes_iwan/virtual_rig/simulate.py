@@ -8,6 +8,7 @@ from rest, and are seen through sensors of their own (`sensors`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy import signal
@@ -176,16 +177,9 @@ def shaker_stretch(force: Array, body: SpecimenValues) -> Array:
 
 
 def simulate_test(
-    specimen: Specimen,
-    test: PlannedTest,
-    *,
-    setup: Setup | None = None,
-    faults: tuple[Fault, ...] = (),
-    seed: int = 0,
-    index: int = 0,
-    fidelity: Fidelity = FULL,
-    clean: bool = False,
-) -> RigRun:
+    specimen: Specimen, test: PlannedTest, *, setup: Setup | None = None, faults: tuple[Fault, ...] = (), seed: int = 0,
+    index: int = 0, fidelity: Fidelity = FULL, clean: bool = False,
+) -> RigRun:  # fmt: skip
     """Run one test from rest and record it.
 
     `index` is the test's place in the campaign; `seed` and `index` settle everything random. The controller
@@ -200,14 +194,9 @@ def simulate_test(
 
 
 def observe(
-    motion: RigMotion,
-    *,
-    setup: Setup,
-    faults: tuple[Fault, ...] = (),
-    seed: int = 0,
-    index: int = 0,
+    motion: RigMotion, *, setup: Setup, faults: tuple[Fault, ...] = (), seed: int = 0, index: int = 0,
     clean: bool = False,
-) -> RigRun:
+) -> RigRun:  # fmt: skip
     """Record a motion; of the faults, those of the measuring chain act here."""
     act = acting(faults)
     chain = act.chain
@@ -223,15 +212,9 @@ def observe(
 
 
 def move(
-    specimen: Specimen,
-    test: PlannedTest,
-    *,
-    setup: Setup,
-    faults: tuple[Fault, ...] = (),
-    seed: int = 0,
-    index: int = 0,
-    fidelity: Fidelity = FULL,
-) -> RigMotion:
+    specimen: Specimen, test: PlannedTest, *, setup: Setup, faults: tuple[Fault, ...] = (), seed: int = 0,
+    index: int = 0, fidelity: Fidelity = FULL,
+) -> RigMotion:  # fmt: skip
     """Move the rig through one test from rest; see `simulate_test`."""
     check_faults(faults)
     act = acting(faults)
@@ -294,24 +277,12 @@ def move(
 
 
 def simulate_tests(
-    specimen: Specimen,
-    tests: Sequence[PlannedTest],
-    *,
-    setup: Setup | None = None,
-    faults: tuple[Fault, ...] = (),
-    seed: int = 0,
-    first_index: int = 0,
-    fidelity: Fidelity = FULL,
-    clean: bool = False,
-) -> tuple[RigRun, ...]:
+    specimen: Specimen, tests: Sequence[PlannedTest], *, setup: Setup | None = None, faults: tuple[Fault, ...] = (),
+    seed: int = 0, first_index: int = 0, fidelity: Fidelity = FULL, clean: bool = False,
+) -> tuple[RigRun, ...]:  # fmt: skip
     """Run several tests of one campaign; see `simulate_test`."""
-    return tuple(
-        simulate_test(
-            specimen, test, setup=setup, faults=faults, seed=seed, index=first_index + i,
-            fidelity=fidelity, clean=clean,
-        )
-        for i, test in enumerate(tests)
-    )  # fmt: skip
+    run = partial(simulate_test, setup=setup, faults=faults, seed=seed, fidelity=fidelity, clean=clean)
+    return tuple(run(specimen, test, index=i) for i, test in enumerate(tests, start=first_index))
 
 
 def with_noise(setup: Setup, share: float, friction_N: float, largest_mm: float) -> Setup:

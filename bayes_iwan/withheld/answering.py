@@ -134,18 +134,11 @@ def _answer_one(task: _Task, name: str) -> dict[str, object]:
     scratch = confinement.temporary_folder()
     cache = task.out / _CACHE
     cache.mkdir(exist_ok=True)
-    order: dict[str, object] = {
-        "module": task.module,
-        "function": task.function,
-        "campaign": str(task.directory / name),
-        "out": str(folder),
-        "scratch": str(scratch),
-        "cache": str(cache),
-        "closed": [str(truth_folder(task.directory))],
-        "seed": case_seed(task.seed, name),
-        "quick": task.quick,
-        "path": sys.path,
-    }
+    order = {
+        "module": task.module, "function": task.function, "campaign": str(task.directory / name), "out": str(folder),
+        "scratch": str(scratch), "cache": str(cache), "closed": [str(truth_folder(task.directory))],
+        "seed": case_seed(task.seed, name), "quick": task.quick,
+    }  # fmt: skip
     environment = os.environ | {
         "NUMBA_CACHE_DIR": str(cache), "TMPDIR": str(scratch), "HOME": str(scratch),
         "MPLCONFIGDIR": str(scratch), "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),

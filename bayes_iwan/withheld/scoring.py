@@ -54,13 +54,11 @@ class Score:
             lines.append(line.rstrip())
         for target, figure in self.findable_visible.items():
             label = f"visible size over noise found in {100 * target:.0f} % of single cases"
-            lines.append(
-                f"{label:{width}s}  {figure.text() if np.isfinite(figure.value) else 'not within those tried'}"
-            )
+            said = figure.text() if np.isfinite(figure.value) else "not within those tried"
+            lines.append(f"{label:{width}s}  {said}")
         lines += _split_lines("by law (visible listed causes)", ("named", "or in the set"), by_law(self.cases))
-        lines += _split_lines(
-            "by outside kind (visible)", ("unknown cause flagged", "a false name"), by_outside(self.cases)
-        )
+        heads = ("unknown cause flagged", "a false name")
+        lines += _split_lines("by outside kind (visible)", heads, by_outside(self.cases))
         if self.faulty:
             lines.append("counted apart: cases of a law that no specimen has")
             lines += [f"  {c.name}: {', '.join(k.name for k in c.truth.causes)}: {_said(c)}" for c in self.faulty]
@@ -111,19 +109,14 @@ def _case(c: CaseScore) -> dict[str, object]:
         "name": c.name,
         "kind": c.kind,
         "causes": [asdict(k) | {"seen": c.truth.seen(k), "listed": k.listed} for k in c.truth.causes],
-        "noise": c.truth.noise,
-        "frequencies": c.truth.frequencies,
-        "family": c.truth.family,
+        **{n: getattr(c.truth, n) for n in ("noise", "frequencies", "family")},
         "verdict": c.answer.kind,
         "named": [{"name": n.name, "probability": n.probability, "share": n.share} for n in c.answer.causes],
         "tied_with": sorted(c.answer.in_sets - c.answer.names),
         "unknown_cause": c.answer.unknown_cause,
-        "found": c.found,
-        "in_set": c.in_set,
+        **{n: getattr(c, n) for n in ("found", "in_set")},
         "false_names": sorted(c.false_names),
-        "log_score": c.log_score,
-        "brier": c.brier,
-        "answered": c.answered,
+        **{n: getattr(c, n) for n in ("log_score", "brier", "answered")},
     }
 
 
@@ -162,16 +155,13 @@ def score_answers(
     cases = tuple(c for c in everything if not c.truth.faulty)
     new = [c for c in cases if any(k.name in excluded or f"{k.name}:{k.law}" in excluded for k in c.truth.causes)]
     single = [c for c in cases if c.kind == "single" and c.truth.noise > 0 and c.truth.causes[0].visible > 0]
-    return Score(
-        cases=cases,
-        faulty=tuple(c for c in everything if c.truth.faulty),
-        summary=summarise(cases),
-        held_back=summarise(new) if new else {},
-        findable_visible=findable(
-            [c.truth.causes[0].visible / c.truth.noise for c in single], [c.found for c in single]
-        ),
-        notes=tuple(notes),
+    sizes, faulty = (
+        [c.truth.causes[0].visible / c.truth.noise for c in single],
+        [c for c in everything if c.truth.faulty],
     )
+    visible = findable(sizes, [c.found for c in single])
+    held_back = summarise(new) if new else {}
+    return Score(cases, tuple(faulty), summarise(cases), held_back, visible, tuple(notes))
 
 
 def read_answers(path: Path) -> dict[str, dict[str, object]]:

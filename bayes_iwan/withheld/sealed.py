@@ -74,16 +74,13 @@ def commitment(truth: Mapping[str, Any]) -> str:
 
 def matches(truth: Mapping[str, object], sealed: str) -> bool:
     """Whether `sealed` is a commitment to this truth, in any of the usual spellings of JSON with sorted keys."""
-    spellings: tuple[dict[str, Any], ...] = (
-        {},
-        {"separators": (",", ":")},
-        {"ensure_ascii": False},
-        {"separators": (",", ":"), "ensure_ascii": False},
-        {"indent": 1},
-        {"indent": 2},
+    spaced = ((None, None), (None, (",", ":")), (1, None), (2, None))
+    texts = (
+        json.dumps(truth, sort_keys=True, indent=indent, separators=separators, ensure_ascii=ascii_)
+        for indent, separators in spaced
+        for ascii_ in (True, False)
     )
-    texts = (json.dumps(truth, sort_keys=True, **s).encode() for s in spellings)
-    return any(hashlib.sha256(text).hexdigest() == sealed for text in texts)
+    return any(hashlib.sha256(text.encode()).hexdigest() == sealed for text in texts)
 
 
 def file_hashes(folder: Path) -> dict[str, str]:
@@ -129,10 +126,8 @@ def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, Any]:
             tests=tests, source="bayes_iwan withheld",
         )  # fmt: skip
     gap_N = true_gaps_N(case, 0)
-    gap = {
-        "true_gap_N": by_name(gap_N),
-        "true_share": {n: removed(gap_N, {n})[n] for n in max(gap_N, key=len, default=())},
-    }
+    shares = {n: removed(gap_N, {n})[n] for n in max(gap_N, key=len, default=())}
+    gap = {"true_gap_N": by_name(gap_N), "true_share": shares}
     hashes = {"data": file_hashes(draws.out / name), "sealed_data": file_hashes(draws.sealed / name)}
     return {**case.truth(name), **gap, **hashes, "salt": secrets.token_hex(32)}
 
@@ -175,13 +170,8 @@ def make(
         truths[name] = truth
     source = {"entropy": entropy} if seed is None else {"seed": seed}
     write_json(apart / "truth.json", {"schema": 2, **source, "cases": truths})
-    public: dict[str, object] = {
-        "rule": RULE,
-        "sealed": seed is None,
-        "cases": {k: commitment(truths[k]) for k in names},
-    }
-    if seed is None:
-        public["entropy"] = hashlib.sha256(entropy.encode()).hexdigest()
+    public = {"rule": RULE, "sealed": seed is None, "cases": {k: commitment(truths[k]) for k in names}}
+    public |= {"entropy": hashlib.sha256(entropy.encode()).hexdigest()} if seed is None else {}
     write_json(out / "commitments.json", public)
     return apart / "truth.json"
 

@@ -38,18 +38,8 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
     for c in budget.causes:
         rows.append((fill(title(c.name), 22), top - c.share.value, c.share.value, BLUE, (c.share.low, c.share.high)))
         top -= c.share.value
-    unexplained = budget.unexplained.share
-    flagged = budget.unexplained.probability >= 0.5
-    label = "unexplained"
-    rows.append(
-        (
-            label,
-            0.0,
-            unexplained.value,
-            ORANGE if flagged else GREEN,
-            (unexplained.low, unexplained.high) if budget.causes else None,
-        )
-    )
+    share, colour = budget.unexplained.share, ORANGE if budget.unexplained.probability >= 0.5 else GREEN
+    rows.append(("unexplained", 0.0, share.value, colour, (share.low, share.high) if budget.causes else None))
     hatched = []
     for x in one_of:
         some = f"{title(x.names[0])} or {title(x.names[1]) if len(x.names) == 2 else f'{len(x.names) - 1} others'}"
@@ -122,9 +112,8 @@ def headline_figure(
     else:
         for above in right[:-1]:
             above.tick_params(labelbottom=False)
-        figure.legend(
-            *right[0].get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=2 if small else 3
-        )
+        key = right[0].get_legend_handles_labels()
+        figure.legend(*key, loc="outside lower right", fontsize=7, ncols=2 if small else 3)
         right[-1].set_ylabel("measured − model (N)", y=1.1)
     return figure
 
@@ -173,7 +162,8 @@ def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str
     """Probability that each effect contributes, that none does, and that the unexplained part has a cause without a
     name."""
     ranked = sorted(probabilities.items(), key=lambda x: -x[1])
-    always = ("none", "unknown", "drive")
+    always = {"none": "none: the model suffices", "unknown": "unknown: something else is there"}
+    always |= {"drive": "the drive: no cause found"}
     keep = [x for x in ranked if x[0] in always or x[1] >= 0.005][:most]
     keep += [x for x in ranked if x[0] in always and x not in keep]
     figure, axes = subplots(1, 1, 6.2, 0.3 * len(keep) + 0.8)
@@ -182,15 +172,9 @@ def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str
     for k, (name, p) in zip(y, keep):
         colour = {"none": GREEN, "unknown": ORANGE, "drive": ORANGE}.get(name, BLUE if name in named else PRIOR)
         ax.barh(k, p, 0.68, color=colour, alpha=0.85, edgecolor="white")
-        ax.annotate(
-            f"{p:.2f}" if p >= 0.005 else "< 0.01",
-            (p, k),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.5,
-        )
-    ax.set_yticks(y, [_words(name) for name, _ in keep])
+        text = f"{p:.2f}" if p >= 0.005 else "< 0.01"
+        ax.annotate(text, (p, k), xytext=(3, 0), textcoords="offset points", va="center", fontsize=7.5)
+    ax.set_yticks(y, [always.get(name, title(name)) for name, _ in keep])
     ax.set_xlim(0.0, 1.08)
     ax.set_xticks(np.linspace(0, 1, 6))
     ax.axvline(NAMED, color=BLACK, linewidth=0.6, linestyle=(0, (4, 2)))
@@ -228,12 +212,3 @@ def moved_figure(moved: Mapping[str, Moved]) -> Figure:
     ax.set_yticks(y, names)
     ax.set(ylim=(-0.6, len(names) - 0.4), xlabel="change in standard deviations (grey: within one)")
     return figure
-
-
-def _words(name: str) -> str:
-    own = {
-        "none": "none: the model suffices",
-        "unknown": "unknown: something else is there",
-        "drive": "the drive: no cause found",
-    }
-    return own.get(name, title(name))

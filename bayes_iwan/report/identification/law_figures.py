@@ -124,16 +124,9 @@ def normal_force_figure(posterior: Posterior) -> Figure:
     down = np.arange(samples // 4, 3 * samples // 4 + 1)
     for ax, branch, title in zip(axes[0], (up, down), ("a. stretching (u rising)", "b. shortening (u falling)")):
         for i, f in enumerate(frequencies):
-            style = series(i)
-            band(
-                ax,
-                u[branch],
-                alpha[:, i, branch],
-                style["color"],
-                levels=(0.9,),
-                line=style["linestyle"],
-                label=f"{f:.3g} Hz" if clock else None,
-            )
+            style, label = series(i), f"{f:.3g} Hz" if clock else None
+            colour, line = style["color"], style["linestyle"]
+            band(ax, u[branch], alpha[:, i, branch], colour, levels=(0.9,), line=line, label=label)
         ax.axhline(1.0, color="#777777", linewidth=0.6)
         ax.set_title(title, loc="left")
         ax.set_xlabel("displacement u (mm)")

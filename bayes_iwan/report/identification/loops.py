@@ -1,6 +1,7 @@
 """Figures of loops: measured cycles, predictive bands, residuals; one panel a test."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,6 +19,9 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.identification.predictive import Predictive, measured_cycles, predict
 from bayes_iwan.report.style import BLACK, MODEL, band, into_given_axes, narrow, series, styled, subplots, ticked
 
+_DOTTED = (0, (1.2, 1.6))
+_HALF: dict[str, Any] = {"color": MODEL, "alpha": 0.6, "linewidth": 0}
+_MOST: dict[str, Any] = _HALF | {"alpha": 0.22}
 #: tests of which a page shows a panel each: more are neither looked at nor light
 MOST = 12
 
@@ -77,22 +81,16 @@ def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = Tr
     line = np.polyfit(p.displacement_mm[t], p.spring_N[t], 1) if friction else np.zeros(2)
     if cycles:
         for u, force in measured_cycles(loop, 12):
-            ax.plot(
-                u, force - p.zero_N[t] - np.polyval(line, u), color="#9A9A9A", linewidth=0.5, rasterized=True, zorder=1
-            )
+            friction_N = force - p.zero_N[t] - np.polyval(line, u)
+            ax.plot(u, friction_N, color="#9A9A9A", linewidth=0.5, rasterized=True, zorder=1)
     off = np.polyval(line, p.displacement_mm[t])
     for branch in _branches(p.displacement_mm[t]):
         u = p.displacement_mm[t, branch]
         band(ax, u, p.cycle_N[:, t, branch] - off[branch], median=False)
     closed = np.r_[np.arange(len(off)), 0]
-    ax.plot(p.displacement_mm[t, closed], (p.median_N[t] - off)[closed], color=MODEL)
-    ax.plot(
-        p.displacement_mm[t, closed],
-        (p.measured_N[t] - off)[closed],
-        color=BLACK,
-        linestyle=(0, (1.2, 1.6)),
-        linewidth=1.1,
-    )
+    u = p.displacement_mm[t, closed]
+    ax.plot(u, (p.median_N[t] - off)[closed], color=MODEL)
+    ax.plot(u, (p.measured_N[t] - off)[closed], color=BLACK, linestyle=_DOTTED, linewidth=1.1)
 
 
 def _labels(figure: Figure, axes: Sequence[Axes], x: str, y: str) -> None:
@@ -138,10 +136,10 @@ def loops_figure(
     _labels(figure, axes, "displacement u (mm)", "friction force (N)" if friction else "force (N)")
     entries = [("measured cycles", {"color": "#9A9A9A", "linewidth": 0.8})] if cycles else []
     entries += [
-        ("measured, average", {"color": BLACK, "linestyle": (0, (1.2, 1.6))}),
+        ("measured, average", {"color": BLACK, "linestyle": _DOTTED}),
         ("model, median", {"color": MODEL}),
-        ("50 % of cycles", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
-        ("90 %", {"color": MODEL, "alpha": 0.22, "linewidth": 0}),
+        ("50 % of cycles", _HALF),
+        ("90 %", _MOST),
     ]
     _key(figure, axes, entries)
     return figure
@@ -164,29 +162,15 @@ def residuals_figure(
         ax.set_xlim(0, 1)
         ax.set_xticks([0, 0.25, 0.5, 0.75, 1.0], ["0", "0.25", "0.5", "0.75", "1"])
         ax.locator_params(axis="y", nbins=5)
-    _labels(
-        figure,
-        axes,
-        "phase (cycles from the upward crossing of mid-stroke)",
-        "residual: measured − predicted force (N)",
-    )
-    _key(
-        figure,
-        axes,
-        [
-            ("residual", {"color": BLACK}),
-            ("50 % expected", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
-            ("90 % expected", {"color": MODEL, "alpha": 0.22, "linewidth": 0}),
-        ],
-    )
+    along, off = "phase (cycles from the upward crossing of mid-stroke)", "residual: measured − predicted force (N)"
+    _labels(figure, axes, along, off)
+    _key(figure, axes, [("residual", {"color": BLACK}), ("50 % expected", _HALF), ("90 % expected", _MOST)])
     return figure
 
 
 def _largest(loops: Sequence[Loop]) -> list[int]:
     """Tests of the amplitude that most frequencies share (the largest such), by frequency: the paper's choice."""
-    count: dict[float, int] = {}
-    for x in loops:
-        count[x.record.amplitude_mm] = count.get(x.record.amplitude_mm, 0) + 1
+    count = Counter(x.record.amplitude_mm for x in loops)
     best = max(count, key=lambda a: (count[a], a))
     chosen = [t for t, x in enumerate(loops) if x.record.amplitude_mm == best]
     return sorted(chosen, key=lambda t: loops[t].record.frequency_hz)
@@ -218,25 +202,14 @@ def frequencies_figure(posterior: Posterior, predictive: Predictive | None = Non
         style = series(i)
         u, off = p.displacement_mm[t], p.spring_N[t]
         closed = np.r_[np.arange(len(u)), 0]
-        name = f"{p.loops[t].record.frequency_hz:.4g} Hz"
-        ax.plot(
-            u[closed],
-            (p.measured_N[t] - off)[closed],
-            color=style["color"],
-            linewidth=1.3,
-            label=f"{name}, test",
-            linestyle="-" if model else style["linestyle"],
-        )
+        name, line = f"{p.loops[t].record.frequency_hz:.4g} Hz", "-" if model else style["linestyle"]
+        measured = (p.measured_N[t] - off)[closed]
+        ax.plot(u[closed], measured, color=style["color"], lw=1.3, label=f"{name}, test", ls=line)
         if model:
             for branch in _branches(u):
                 band(ax, u[branch], p.force_N[:, t, branch] - off[branch], style["color"], levels=(0.9,), median=False)
-            ax.plot(
-                u[closed],
-                (p.median_N[t] - off)[closed],
-                color=style["color"],
-                linestyle=(0, (4, 2)),
-                label=f"{name}, model",
-            )
+            median = (p.median_N[t] - off)[closed]
+            ax.plot(u[closed], median, color=style["color"], linestyle=(0, (4, 2)), label=f"{name}, model")
     ax.set_title(f"amplitude {p.loops[chosen[0]].record.amplitude_mm:g} mm", loc="left")
     ax.set(xlabel="displacement u (mm)", ylabel="friction force (N)")
     beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}

@@ -143,16 +143,8 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
     ):
         warnings.simplefilter("ignore")  # corner's own notes on sparse contours
         figure = Shown(figsize=(size, size))
-        grid = figure.add_gridspec(
-            n,
-            n,
-            left=0.9 / size,
-            right=1 - 0.15 / size,
-            bottom=0.8 / size,
-            top=1 - 0.25 / size,
-            wspace=0.06,
-            hspace=0.06,
-        )
+        sides = {"left": 0.9 / size, "right": 1 - 0.15 / size, "bottom": 0.8 / size, "top": 1 - 0.25 / size}
+        grid = figure.add_gridspec(n, n, **sides, wspace=0.06, hspace=0.06)
         for i in range(n):  # the lower triangle alone: empty axes cost as much as full ones
             for j in range(i + 1):
                 ax = figure.add_subplot(grid[i, j])
@@ -163,18 +155,9 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
                     if not on_phone():
                         ax.set_title(shown[i], fontsize=8, pad=3)
                 else:
-                    corner.hist2d(
-                        table[j],
-                        table[i],
-                        ax=ax,
-                        bins=24,
-                        range=[ranges[j], ranges[i]],
-                        smooth=1.0,
-                        levels=(0.5, 0.9),
-                        plot_datapoints=False,
-                        fill_contours=True,
-                        color=MODEL,
-                    )
+                    inside = {"range": [ranges[j], ranges[i]], "bins": 24, "smooth": 1.0, "levels": (0.5, 0.9)}
+                    shown_as = {"plot_datapoints": False, "fill_contours": True, "color": MODEL}
+                    corner.hist2d(table[j], table[i], ax=ax, **inside, **shown_as)
                     ax.set_ylim(ranges[i])
                 ax.set_xlim(ranges[j])
                 ax.xaxis.set_major_locator(MaxNLocator(3, prune="both"))

@@ -70,15 +70,9 @@ def traces_figure(posterior: Posterior, names: Sequence[str] | None = None, run:
             low, middle, high = np.quantile(x[e], [0.05, 0.5, 0.95], axis=1)
             steps = run.thin * (1 + shown)
             row[0].fill_between(steps, low, high, color=style["color"], alpha=0.13, linewidth=0)
-            row[0].plot(steps, middle, color=style["color"], linestyle=style["linestyle"], linewidth=0.9)
+            row[0].plot(steps, middle, linewidth=0.9, **style)
             height, _ = np.histogram(ranks[e], bins=bins, range=(0, 1))
-            row[1].stairs(
-                height * bins / height.sum(),
-                np.linspace(0, 1, bins + 1),
-                color=style["color"],
-                linestyle=style["linestyle"],
-                linewidth=1.0,
-            )
+            row[1].stairs(height * bins / height.sum(), np.linspace(0, 1, bins + 1), linewidth=1.0, **style)
         row[1].axhline(1.0, color="#777777", linewidth=0.6)
         row[1].set_ylim(0.0, 2.0)
         row[0].set_ylabel(parameter.symbol, rotation=0, ha="right", va="center")
