@@ -2,7 +2,7 @@
 """The command line: `bayes-iwan COMMAND ...`. A command is a function here, which imports what it needs itself.
 
 A new command is a function with the decorator :func:`.command.command` in the file of its group, and its name in the
-list below. Bad input is an InputError anywhere in the package: it becomes one line on stderr, exit code 2. Any other
+list below. Bad input is an InputError anywhere in the package: it becomes one line on stderr, exit code 2. Every other
 exception is a defect of the package: it is said to be one, with the traceback, exit code 70.
 """
 
@@ -15,7 +15,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from bayes_iwan import __version__
 from bayes_iwan.cli import campaigns, modelling, withheld
@@ -29,19 +29,10 @@ DEFECT = 70
 
 #: in the order in which the help lists them
 COMMANDS: list[Command] = [
-    campaigns.run_import,
-    campaigns.run_check,
-    campaigns.run_inspect,
-    modelling.run_identify,
-    modelling.run_report,
-    modelling.run_compare,
-    modelling.run_diagnose,
-    modelling.run_export,
-    modelling.run_batch,
-    withheld.run_make,
-    withheld.run_answer,
-    withheld.run_score,
-]
+    campaigns.run_import, campaigns.run_check, campaigns.run_inspect,
+    modelling.run_identify, modelling.run_report, modelling.run_compare, modelling.run_diagnose, modelling.run_export,
+    modelling.run_batch, withheld.run_make, withheld.run_answer, withheld.run_score,
+]  # fmt: skip
 
 
 class Parser(argparse.ArgumentParser):
@@ -66,7 +57,7 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"bayes-iwan {__version__}")
     below = top.add_subparsers(metavar="COMMAND", required=True)
-    groups: dict[str, argparse._SubParsersAction[Any]] = {}
+    groups: dict[str, argparse._SubParsersAction[Parser]] = {}
     for entry in COMMANDS:
         first, _, second = entry.name.partition(" ")
         if second and first not in groups:
@@ -124,11 +115,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         for line in traceback.format_exc().splitlines():
             say(line, file=sys.stderr)
-        say(
-            f"bayes-iwan: {type(error).__name__}: this is a defect of bayes_iwan {__version__}, not of your input; "
-            "please report it with the lines above and the command",
-            file=sys.stderr,
-        )
+        said = f"bayes-iwan: {type(error).__name__}: this is a defect of bayes_iwan {__version__}, not of your input; "
+        say(said + "please report it with the lines above and the command", file=sys.stderr)
         return DEFECT
     except KeyboardInterrupt:
         say(f"\nbayes-iwan: interrupted{_go_on(args, words)}", file=sys.stderr)

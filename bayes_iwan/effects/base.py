@@ -203,7 +203,7 @@ class Effect:
                 raise EffectError(f"{cls.__name__}.{name} {former_names.renamed(name, former_names.EFFECT_MEMBERS)}")
 
     def first_guess(self) -> float:
-        """Any strength of the right order, from the campaign's scales: where calibration starts."""
+        """A strength of the right order, from the campaign's scales: where calibration starts."""
         raise NotImplementedError
 
     def possible(self, data: Records) -> bool:

@@ -150,7 +150,7 @@ def sine_motion(*, frequency_hz: ArrayLike, amplitude_mm: ArrayLike, samples: in
 def record_motion(
     time_s: Array, displacement_mm: Array, *, frequency_hz: float = float("nan"), amplitude_mm: float | None = None
 ) -> Motion:
-    """Any motion (n,) from rest at u = 0; velocity by central differences. amplitude_mm is A of Eq. (11)."""
+    """A motion (n,) from rest at u = 0; velocity by central differences. amplitude_mm is A of Eq. (11)."""
     u = np.asarray(displacement_mm, float)
     t = np.asarray(time_s, float)
     v = 1e-3 * np.gradient(u, t)

@@ -9,8 +9,8 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 from bayes_iwan.executors import Failure, Workers, finished
 from bayes_iwan.files import clear, write_json
@@ -166,9 +166,7 @@ def _in_own_process() -> None:
         write = [Path(order[k]) for k in ("out", "scratch", "cache")]
         write += [p for p in (Path("/dev/null"), Path("/dev/shm")) if p.exists()]
         confinement.confine(read, write, [Path(p) for p in order["closed"]])
-    diagnose: Any = importlib.import_module(order["module"])
-    for part in order["function"].split("."):
-        diagnose = getattr(diagnose, part)
+    diagnose: Diagnose = attrgetter(order["function"])(importlib.import_module(order["module"]))
     diagnose(Path(order["campaign"]), Path(order["out"]), order["seed"], order["quick"])
 
 

@@ -65,7 +65,7 @@ def read_json(path: Path) -> Any:
         raise WithheldError(f"{path}: not readable as JSON ({error})") from None
 
 
-def commitment(truth: Mapping[str, Any]) -> str:
+def commitment(truth: Mapping[str, object]) -> str:
     """SHA-256 (hex) of a truth as JSON with sorted keys. Raises `WithheldError` if it has no salt."""
     if not truth.get("salt"):
         raise WithheldError("a truth without a salt cannot be sealed: its commitment could be guessed")
@@ -112,7 +112,7 @@ class _Draws:
     excluded_outside: tuple[str, ...]
 
 
-def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, Any]:
+def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, object]:
     name, kind = piece
     bits = hashlib.sha256(f"{draws.entropy}/{name}".encode()).digest()
     case = rig_cases.draw_case(
@@ -163,7 +163,7 @@ def make(
     pieces = {name: (name, kinds[i] if kinds is not None else None) for i, name in enumerate(names)}
     entropy = secrets.token_hex(32) if seed is None else f"seed {seed}"
     draws = _Draws(entropy, out, apart / "sealed", laws, tuple(excluded_laws), tuple(excluded_outside))
-    truths: dict[str, dict[str, Any]] = {}
+    truths: dict[str, dict[str, object]] = {}
     for name, truth in finished(pieces, _make_one, draws, workers=workers, what="making cases", unit="case"):
         if isinstance(truth, Failure):
             raise WithheldError(f"{name} could not be made: {truth}")

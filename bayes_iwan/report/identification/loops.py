@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -20,8 +19,6 @@ from bayes_iwan.report.identification.predictive import Predictive, measured_cyc
 from bayes_iwan.report.style import BLACK, MODEL, band, into_given_axes, narrow, series, styled, subplots, ticked
 
 _DOTTED = (0, (1.2, 1.6))
-_HALF: dict[str, Any] = {"color": MODEL, "alpha": 0.6, "linewidth": 0}
-_MOST: dict[str, Any] = _HALF | {"alpha": 0.22}
 #: tests of which a page shows a panel each: more are neither looked at nor light
 MOST = 12
 
@@ -103,11 +100,10 @@ def _labels(figure: Figure, axes: Sequence[Axes], x: str, y: str) -> None:
         figure.supylabel(y, fontsize=9)
 
 
-def _key(figure: Figure, axes: Sequence[Axes], entries: Sequence[tuple[str, dict[str, Any]]]) -> None:
-    handles: list[Artist] = [
-        Patch(label=label, **style) if "alpha" in style else Line2D([], [], label=label, **style)
-        for label, style in entries
-    ]
+def _key(figure: Figure, axes: Sequence[Axes], lines: Sequence[Artist], half: str, most_of: str) -> None:
+    """The key of lines and of the bands that hold half and 90 % of something."""
+    bands = [Patch(label=x, color=MODEL, alpha=a, linewidth=0) for x, a in ((half, 0.6), (most_of, 0.22))]
+    handles = [*lines, *bands]
     most = 5 if figure.get_figwidth() > 6.5 else 3 if figure.get_figwidth() > 4.5 else 2
     if into_given_axes():
         axes[0].legend(handles=handles, loc="best", fontsize=7)
@@ -134,14 +130,9 @@ def loops_figure(
         ax.set_title(test_name(p.loops[t]))
         ax.locator_params(axis="x", nbins=5 if figure.get_figwidth() > 4.5 else 3)
     _labels(figure, axes, "displacement u (mm)", "friction force (N)" if friction else "force (N)")
-    entries = [("measured cycles", {"color": "#9A9A9A", "linewidth": 0.8})] if cycles else []
-    entries += [
-        ("measured, average", {"color": BLACK, "linestyle": _DOTTED}),
-        ("model, median", {"color": MODEL}),
-        ("50 % of cycles", _HALF),
-        ("90 %", _MOST),
-    ]
-    _key(figure, axes, entries)
+    lines = [Line2D([], [], label="measured cycles", color="#9A9A9A", linewidth=0.8)] if cycles else []
+    lines += [Line2D([], [], label="measured, average", color=BLACK, linestyle=_DOTTED)]
+    _key(figure, axes, [*lines, Line2D([], [], label="model, median", color=MODEL)], "50 % of cycles", "90 %")
     return figure
 
 
@@ -164,7 +155,7 @@ def residuals_figure(
         ax.locator_params(axis="y", nbins=5)
     along, off = "phase (cycles from the upward crossing of mid-stroke)", "residual: measured − predicted force (N)"
     _labels(figure, axes, along, off)
-    _key(figure, axes, [("residual", {"color": BLACK}), ("50 % expected", _HALF), ("90 % expected", _MOST)])
+    _key(figure, axes, [Line2D([], [], label="residual", color=BLACK)], "50 % expected", "90 % expected")
     return figure
 
 
