@@ -35,15 +35,10 @@ class ViscousDamping(Effect):
         return 0.1 * self.scales.slip_N / (1e3 * self.scales.speed_m_s)
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
+        what = "speed from which the power holds, below it the force is proportional to the speed"
         return {
             "exponent": form("p", "power of the speed", lognormal(1.0, 0.25), 0.3, 1.65),
-            "thinning_m_s": ExtraParameter(
-                "v₁",
-                "m/s",
-                "speed from which the power holds, below it the force is proportional to the speed",
-                lognormal(0.1 * self.scales.speed_m_s, 1.5),
-                scan=False,
-            ),
+            "thinning_m_s": ExtraParameter("v₁", "m/s", what, lognormal(0.1 * self.scales.speed_m_s, 1.5), scan=False),
             "one_way": form("s", "difference of rising and falling u over their sum", about(0.0, 0.25), -1.0, 1.0),
         }
 
@@ -259,7 +254,7 @@ class _Contact(Effect):
         return self.scales.slip_N / self.scales.length_mm
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        a = self.scales.length_mm
+        a, loss = self.scales.length_mm, "loss of the contact: its force grows by λ times the speed into it"
         return {
             "clearance_mm": ExtraParameter(
                 "g", "mm", "displacement at which contact begins", lognormal(0.75 * a, 0.35), 0.02 * a, 0.99 * a
@@ -267,13 +262,7 @@ class _Contact(Effect):
             "exponent": form(
                 "e", "exponent of the contact: 1 a spring, 3/2 round bodies", lognormal(1.2, 0.22), 0.8, 2.5
             ),
-            "loss_s_m": ExtraParameter(
-                "λ",
-                "s/m",
-                "loss of the contact: its force grows by λ times the speed into it",
-                lognormal(0.1 / self.scales.speed_m_s, 1.2),
-                scan=False,
-            ),
+            "loss_s_m": ExtraParameter("λ", "s/m", loss, lognormal(0.1 / self.scales.speed_m_s, 1.2), scan=False),
         }
 
     def push_N(self, into_mm: Array, speed_m_s: Array, parameter_values: ParameterValues) -> Array:

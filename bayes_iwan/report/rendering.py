@@ -241,13 +241,9 @@ class _Aside:
 
 
 def _start() -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-c", _SERVE],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-    )
+    command, environment = [sys.executable, "-c", _SERVE], os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    flags, pipe = getattr(subprocess, "CREATE_NO_WINDOW", 0), subprocess.PIPE
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, env=environment, creationflags=flags)
 
 
 def serve() -> None:

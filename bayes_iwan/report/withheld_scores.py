@@ -116,12 +116,8 @@ def share_figure(score: Score) -> Figure:
 
 def figures(score: Score) -> dict[str, Figure]:
     """All figures by file stem."""
-    return {
-        "confusion": confusion_figure(score),
-        "reliability": reliability_figure(score),
-        "accuracy": accuracy_figure(score),
-        "shares": share_figure(score),
-    }
+    out = {"confusion": confusion_figure(score), "reliability": reliability_figure(score)}
+    return out | {"accuracy": accuracy_figure(score), "shares": share_figure(score)}
 
 
 def write_score(
@@ -135,14 +131,9 @@ def write_score(
 ) -> str:
     """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table and,
     case by case, what was true and what was said."""
-    result = score(
-        directory,
-        truth,
-        answers=answers,
-        find_shares=partial(find_shares, allow_own_files=allow_effects_file),
-        allow_effects_file=allow_effects_file,
-        excluded=excluded,
-    )
+    found, own = partial(find_shares, allow_own_files=allow_effects_file), allow_effects_file
+    scored = partial(score, directory, truth, answers=answers, find_shares=found, allow_effects_file=own)
+    result = scored(excluded=excluded)
     table = result.table() + "\n\n" + result.case_table()
     if out is not None:
         folder = Path(out)

@@ -18,15 +18,11 @@ from bayes_iwan.virtual_rig.sensors import Chain, Transfer
 # ---- between sensor and specimen
 
 
-def _stiffening_joint(p: Parameters) -> Acting:
-    """A joint whose compliance falls with load to a third power of it at the reference force."""
-    c, f0 = p["compliance_mm_N"], p["reference_N"]
-    return Acting(joint_stretch=lambda f: c * f0 * np.arcsinh(f / f0))
-
-
-def _hertz_joint(p: Parameters) -> Acting:
-    c, f0 = p["compliance_mm_N"], p["reference_N"]
-    return Acting(joint_stretch=lambda f: c * f0 * ((f / f0 + 0.02) ** (2 / 3) - 0.02 ** (2 / 3)))
+def _joint(stretch: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
+    """A joint whose compliance falls with load: its stretch over the reference force's, of the force over that."""
+    return lambda p: Acting(
+        joint_stretch=lambda f: p["compliance_mm_N"] * p["reference_N"] * stretch(f / p["reference_N"])
+    )
 
 
 def _load(rng: np.random.Generator, s: Surroundings) -> Parameters:
@@ -36,8 +32,8 @@ def _load(rng: np.random.Generator, s: Surroundings) -> Parameters:
 COMPLIANCE = FaultKind(
     "rig_compliance", "compliance_mm_N", linear(lambda s: 0.08), (
         Law("linear", lambda p: Acting(extra_compliance_mm_N=p["compliance_mm_N"])),
-        Law("stiffening", _stiffening_joint, _load),
-        Law("hertz", _hertz_joint, _load),
+        Law("stiffening", _joint(np.arcsinh), _load),
+        Law("hertz", _joint(lambda x: (x + 0.02) ** (2 / 3) - 0.02 ** (2 / 3)), _load),
     ),
 )  # fmt: skip
 

@@ -33,11 +33,6 @@ def _ageing(p: Parameters) -> Acting:
     return Acting(motion=FaultValues(healing=drop, healing_slip=length, healing_cut=cut, healing_time=rest))
 
 
-def _breakaway(p: Parameters) -> Acting:
-    """Friction that grows while a slider sticks and breaks down over a slip distance: a peak after each reversal."""
-    return Acting(motion=FaultValues(ageing=2.5 * p["drop"], ageing_tau=p["ageing_s"], ageing_slip=p["slip_mm"]))
-
-
 STRIBECK = FaultKind(
     "stribeck_weakening", "drop", linear(lambda s: 0.6), (
         Law("exponential", _falling(lambda x: 1.0 - np.exp(-x))),
@@ -47,7 +42,10 @@ STRIBECK = FaultKind(
         Law("ageing", _ageing,
             lambda g, s: {"length_mm": float(g.uniform(0.01, 0.04)) * s.largest_mm,
                           "rest_s": 0.25 / min(s.frequencies_hz)}),
-        Law("breakaway", _breakaway,
+        # friction that grows while a slider sticks and breaks down over a slip distance: a peak after each reversal
+        Law("breakaway",
+            lambda p: Acting(
+                motion=FaultValues(ageing=2.5 * p["drop"], ageing_tau=p["ageing_s"], ageing_slip=p["slip_mm"])),
             lambda g, s: {"ageing_s": log_uniform(g, 0.002, 0.02),
                           "slip_mm": float(g.uniform(0.02, 0.08)) * s.largest_mm}),
     ),
@@ -66,15 +64,12 @@ def _rising(shape: Callable[[Array, Parameters], Array]) -> Callable[[Parameters
     return acts
 
 
-def _power_rise(x: Array, p: Parameters) -> Array:
-    n, floor = p["power"], 0.05  # a power of nothing has no slope: rounded at a twentieth of v0
-    return np.asarray((x + floor) ** n - floor**n)
-
-
 RATE = FaultKind(
     "rate_strengthening", "c", linear(lambda s: 0.3), (
         Law("logarithm", _rising(lambda x, p: np.log1p(x))),
-        Law("power", _rising(_power_rise), lambda g, s: {"power": float(g.uniform(0.15, 0.5))}),
+        # a power of nothing has no slope: rounded at a twentieth of v0
+        Law("power", _rising(lambda x, p: (x + 0.05) ** p["power"] - 0.05 ** p["power"]),
+            lambda g, s: {"power": float(g.uniform(0.15, 0.5))}),
         Law("arcsinh", _rising(lambda x, p: np.arcsinh(x))),
         Law("saturating", _rising(lambda x, p: 2.0 * x / (p["saturation"] + x)),
             lambda g, s: {"saturation": float(g.uniform(5.0, 20.0))}),
@@ -120,11 +115,6 @@ def _fading(
     return acts
 
 
-def _heated(p: Parameters) -> Acting:
-    """A temperature that friction's own power raises and the surroundings take down again within a time."""
-    return Acting(motion=FaultValues(heat_fade_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"]))
-
-
 FADE = FaultKind(
     "friction_fade", "drop", linear(lambda s: 0.5), (
         Law("exponential", _fading(lambda x: 1.0 - np.exp(-x)), evolves=True),
@@ -135,7 +125,10 @@ FADE = FaultKind(
         Law("recovers", _fading(lambda x: x * np.exp(1.0 - x)), evolves=True),
         Law("with_stiffness", _fading(lambda x: 1.0 - np.exp(-x), drags=True),
             lambda g, s: {"stiffness_power": float(g.uniform(0.3, 1.0))}, True),
-        Law("heat", _heated, lambda g, s: {"tau_s": log_uniform(g, 0.1, 0.6) * s.record_s, "reference_mW": s.power_mW},
+        # a temperature that friction's own power raises and the surroundings take down again within a time
+        Law("heat",
+            lambda p: Acting(motion=FaultValues(heat_fade_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"])),
+            lambda g, s: {"tau_s": log_uniform(g, 0.1, 0.6) * s.record_s, "reference_mW": s.power_mW},
             True),
     ),
     lambda g, s: {"cycles": log_uniform(g, 4.0, 25.0)},

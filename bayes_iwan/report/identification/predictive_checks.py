@@ -18,14 +18,8 @@ from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.style import BLUE, ORANGE, RED, numbered_cells, styled, subplots
 
-REGIONS = (
-    "after lower\nreversal",
-    "stretching,\nmid-stroke",
-    "before upper\nreversal",
-    "after upper\nreversal",
-    "shortening,\nmid-stroke",
-    "before lower\nreversal",
-)
+_RISING = ("after lower\nreversal", "stretching,\nmid-stroke", "before upper\nreversal")
+REGIONS = (*_RISING, "after upper\nreversal", "shortening,\nmid-stroke", "before lower\nreversal")
 
 
 def region_of(displacement_mm: Array) -> NDArray[np.int64]:
