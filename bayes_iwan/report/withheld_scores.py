@@ -1,6 +1,5 @@
 """A scored set of answers as files: table, JSON and figures."""
 
-import json
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from bayes_iwan.diagnosis.answer.saved_fits import find_shares
-from bayes_iwan.files import write_whole
+from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.report.style import BLUE, ORANGE, PRIOR, numbered_cells, save
 from bayes_iwan.withheld.estimates import Estimate, binned
 from bayes_iwan.withheld.metrics import SHARE_POINTS, confusion, reliability
@@ -139,7 +138,7 @@ def write_score(
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(folder / "score.txt", table + "\n")
-        write_whole(folder / "score.json", json.dumps(result.as_dict(), indent=1) + "\n")
+        write_json(folder / "score.json", result.as_dict())
         for name, figure in figures(result).items():
             for kind in ("png", "svg"):
                 save(figure, folder / f"{name}.{kind}")

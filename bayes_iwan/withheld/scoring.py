@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bayes_iwan.files import finite
 from bayes_iwan.virtual_rig.faults import CATALOGUE
 from bayes_iwan.withheld.answers import read_answer
 from bayes_iwan.withheld.case_score import CaseScore, score_case
@@ -77,18 +78,13 @@ class Score:
     def as_dict(self) -> dict[str, object]:
         """Plain numbers for JSON; nan becomes None."""
         rows, columns, counts = confusion(self.cases)
-        return {
-            "schema": 2,
-            "summary": _plain(self.summary),
-            "excluded_from_calibration": _plain(self.held_back),
-            "findable_visible": _plain(self.findable_visible),
-            "by_law": _plain(by_law(self.cases)),
-            "by_outside": _plain(by_outside(self.cases)),
-            "confusion": {"truth": list(rows), "verdict": list(columns), "counts": counts.astype(int).tolist()},
-            "cases": [_plain(_case(c)) for c in self.cases],
-            "faulty": [_plain(_case(c)) for c in self.faulty],
-            "notes": list(self.notes),
-        }
+        return dict(finite({
+            "schema": 2, "summary": self.summary, "excluded_from_calibration": self.held_back,
+            "findable_visible": self.findable_visible, "by_law": by_law(self.cases),
+            "by_outside": by_outside(self.cases),
+            "confusion": {"truth": rows, "verdict": columns, "counts": counts.astype(int).tolist()},
+            "cases": list(map(_case, self.cases)), "faulty": list(map(_case, self.faulty)), "notes": self.notes,
+        }))  # fmt: skip
 
 
 def _said(c: CaseScore) -> str:
@@ -118,18 +114,6 @@ def _case(c: CaseScore) -> dict[str, object]:
         "false_names": sorted(c.false_names),
         **{n: getattr(c, n) for n in ("log_score", "brier", "answered")},
     }
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, Estimate):
-        return _plain(asdict(value))
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value
 
 
 def score_answers(
