@@ -86,6 +86,11 @@ def former_dask(text: str) -> None:
     raise argparse.ArgumentTypeError(f"is called --workers now; write --workers {text}")
 
 
+def several(flag: str, metavar: str, help: str) -> Argument:
+    """An option that may be given several times."""
+    return argument(flag, metavar=metavar, action="append", default=[], help=help)
+
+
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
 OUT = argument(
     "--out", metavar="DIR", help="folder for the results; made if need be (default: named after the campaign and the "

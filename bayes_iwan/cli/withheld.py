@@ -3,7 +3,7 @@
 import argparse
 import os
 
-from bayes_iwan.cli.command import SEED, STOP_AT_REFITS, argument, command, given, say, workers
+from bayes_iwan.cli.command import SEED, STOP_AT_REFITS, argument, command, given, say, several, workers
 
 DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld make` wrote")
 
@@ -15,8 +15,8 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     argument("--seed", metavar="S", type=int, help="development cases that can be made again: marked as not sealed"),
     argument("--out", metavar="DIR", required=True, help="folder for the cases; made if need be"),
     argument("--laws", choices=("catalogue", "other", "all"), default="all", help="laws of the causes (default: all)"),
-    argument("--exclude-law", metavar="NAME:LAW", action="append", default=[], help="a law that is not drawn"),
-    argument("--exclude-outside", metavar="NAME", action="append", default=[], help="an unlisted cause not drawn"),
+    several("--exclude-law", "NAME:LAW", "a law that is not drawn"),
+    several("--exclude-outside", "NAME", "an unlisted cause not drawn"),
     *workers(),
     examples=("bayes-iwan withheld make 20 --out cases",),
 )
@@ -59,9 +59,7 @@ def run_answer(args: argparse.Namespace) -> None:
     argument("--truth", metavar="FILE", required=True, help="the truths"),
     argument("--answers", metavar="FILE", help="answers.json (default: DIR/answers/answers.json)"),
     argument("--out", metavar="DIR", help="folder for table and figures"),
-    argument(
-        "--excluded", metavar="NAME", action="append", default=[], help="law (NAME:LAW) or kind not calibrated on"
-    ),
+    several("--excluded", "NAME", "law (NAME:LAW) or kind not calibrated on"),
     argument("--allow-effects-file", action="store_true", help="run the code of the Python files that answers name"),
     examples=("bayes-iwan withheld score cases --truth cases-truth/truth.json --out scores",),
 )

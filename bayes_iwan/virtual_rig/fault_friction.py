@@ -29,8 +29,8 @@ def _falling(shape: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
 def _ageing(p: Parameters) -> Acting:
     """Dieterich's ageing: the logarithm of the contact's age, which slip renews over a length."""
     cut = p["length_mm"] / (1e3 * p["v_s_m_s"])
-    drop, length, rest = p["drop"], p["length_mm"], max(p["rest_s"], 2 * cut)
-    return Acting(motion=FaultValues(healing=drop, healing_slip=length, healing_cut=cut, healing_time=rest))
+    drop, length, longest = p["drop"], p["length_mm"], max(p["rest_s"], 2 * cut)
+    return Acting(motion=FaultValues(healing=drop, healing_slip=length, healing_cut=cut, healing_time=longest))
 
 
 STRIBECK = FaultKind(
