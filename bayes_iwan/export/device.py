@@ -42,18 +42,11 @@ class Source:
 class Device:
     """An identified device, for any motion in time.
 
-    Attributes
-    ----------
-    parameters
-        (sets,) or (sets, n) each, by C name; set 0 is the point estimate, the others draws.
-    tables, top_N
-        (sets, cells, 4) cubics of L(φ) = E[min(Φ, φ)] and (sets,) where they end, as the sliders' kernel reads them.
-    stages
-        C statements of each stage, in order.
-    states
-        length and value at rest of what the stages remember.
-    named, omitted
-        effects in the device with a note each ("" where its law is as identified), and those omitted, with the reason.
+    parameters : (sets,) or (sets, n) each, by C name; set 0 is the point estimate, the others draws. tables, top_N :
+    (sets, cells, 4) cubics of L(φ) = E[min(Φ, φ)] and (sets,) where they end, as the sliders' kernel reads them. stages
+    : C statements of each stage, in order. states : length and value at rest of what the stages remember. named,
+    omitted : effects in the device with a note each ("" where its law is as identified), and those omitted, with the
+    reason.
     """
 
     parameters: dict[str, Array] = field(default_factory=dict)
