@@ -11,7 +11,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import matplotlib as mpl
 import matplotlib.style
@@ -202,6 +202,19 @@ def points(index: int) -> dict[str, object]:
     return {"color": _SERIES[index % len(_SERIES)], "marker": _MARKERS[index % len(_MARKERS)]}
 
 
+def blank(width: float, height: float | None = None, layout: Literal["constrained"] | None = None) -> Shown:
+    """A figure without axes; width and height in inches, the width that the caller asked for before this one; square
+    without a height."""
+    wide = _WISH.get().width or width
+    return Shown(figsize=(wide, wide if height is None else height), layout=layout)
+
+
+def refuse_given_axes(what: str) -> None:
+    """Raise StyleError for axes of the caller's, which what makes its own cannot be drawn into."""
+    if into_given_axes():
+        raise StyleError(f"ax: {what} makes its own axes; give width=... or style=... instead")
+
+
 def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any) -> tuple[Figure, NDArray[Any]]:
     """A figure that no global state keeps, and its axes (rows, columns); width and height in inches, the width that
     the caller asked for before these; or the caller's own axes.
@@ -218,10 +231,10 @@ def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any
         return figure, np.array(wish.axes, dtype=object).reshape(rows, columns)
     if wish.stacked and rows == 1 and columns > 1 and not (kwargs.get("sharey") and "width_ratios" in kwargs):
         kwargs.pop("width_ratios", None)
-        figure = Shown(figsize=(wish.width or width, height * columns), layout="constrained")
+        figure = blank(width, height * columns, "constrained")
         figure.one_label = bool(kwargs.get("sharey"))
         return figure, figure.subplots(columns, 1, squeeze=False, **kwargs).reshape(1, columns)
-    figure = Shown(figsize=(wish.width or width, height), layout="constrained")
+    figure = blank(width, height, "constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
 
 
@@ -252,14 +265,9 @@ def on_phone() -> bool:
     return _WISH.get().stacked
 
 
-def asked_width(default: float) -> float:
-    """Inches of the figure that is being made."""
-    return _WISH.get().width or default
-
-
 def narrow() -> bool:
     """Has the figure that is being made little width?"""
-    return asked_width(2 * NARROW) < NARROW
+    return (_WISH.get().width or NARROW) < NARROW
 
 
 def decimal_ticks(axis: Axis, low: float, high: float, most: int = 6) -> None:

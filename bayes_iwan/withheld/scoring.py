@@ -12,14 +12,7 @@ from bayes_iwan.withheld.answers import read_answer
 from bayes_iwan.withheld.case_score import CaseScore, score_case
 from bayes_iwan.withheld.estimates import Estimate, findable
 from bayes_iwan.withheld.metrics import by_law, by_outside, confusion, summarise
-from bayes_iwan.withheld.sealed import (
-    WithheldError,
-    check_sealed_tests,
-    check_seals,
-    read_json,
-    read_truths,
-    sealed_tests,
-)
+from bayes_iwan.withheld.sealed import WithheldError, check_sealed, check_seals, read_json, read_truths, sealed_tests
 from bayes_iwan.withheld.truths import read_truth
 
 FindShares = Callable[[Path, Path], Mapping[str, float]]
@@ -186,7 +179,7 @@ def score(
         sealed, fits = sealed_tests(truth, name), answers_path.parent / name / "fits.json"
         if find_shares is None or not (sealed / "campaign.toml").is_file() or not fits.is_file():
             continue
-        check_sealed_tests(name, sealed, truths[name])
+        check_sealed(name, sealed, truths[name])
         if _names_code(fits) and not allow_effects_file:
             foreign.append(name)
             continue

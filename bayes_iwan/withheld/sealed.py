@@ -241,7 +241,7 @@ def sealed_tests(truth_file: Path, name: str) -> Path:
     return next((x for x in found if x.is_dir()), found[0])
 
 
-def check_sealed_tests(name: str, folder: Path, truth: Mapping[str, object]) -> None:
+def check_sealed(name: str, folder: Path, truth: Mapping[str, object]) -> None:
     """Raise `WithheldError` if the sealed tests of a case are not those that were sealed with its truth."""
     hashes = next((truth[k] for k in ("sealed_data", *former_names.TRUTH) if k in truth), None)
     if hashes is not None and file_hashes(folder) != hashes:

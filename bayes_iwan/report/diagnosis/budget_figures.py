@@ -13,20 +13,7 @@ from bayes_iwan.diagnosis.answer.result import Moved
 from bayes_iwan.diagnosis.answer.wording import title
 from bayes_iwan.diagnosis.assessment.budget import NAMED, GapBudget, OneOf
 from bayes_iwan.report.diagnosis.gap_figures import panel_a_test
-from bayes_iwan.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PRIOR,
-    RED,
-    SKY,
-    Shown,
-    asked_width,
-    narrow,
-    styled,
-    subplots,
-)
+from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, blank, narrow, styled, subplots
 
 
 def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> None:
@@ -90,7 +77,7 @@ def headline_figure(
     causes: one average cycle, or two that are apart in the record, one below the other."""
     small, n = narrow(), len(shown)
     height = 2.4 * (n + 1) if small else 2.8 if n == 1 else 3.6
-    figure = Shown(figsize=(asked_width(7.8), height), layout="constrained")
+    figure = blank(7.8, height, "constrained")
     grid = figure.add_gridspec(n + 1, 1) if small else figure.add_gridspec(n, 2, width_ratios=[1.05, 1.2])
     ax = figure.add_subplot(grid[0, 0] if small else grid[:, 0])
     _waterfall(ax, budget, one_of)

@@ -19,19 +19,7 @@ from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.answer.localisation import Statistic, Where
 from bayes_iwan.diagnosis.fits.gap_size import GapSize
 from bayes_iwan.report.identification.loops import test_name
-from bayes_iwan.report.style import (
-    BLACK,
-    BLUE,
-    PRIOR,
-    decimal_ticks,
-    narrow,
-    panels,
-    points,
-    series,
-    styled,
-    subplots,
-    ticked,
-)
+from bayes_iwan.report.style import BLUE, PRIOR, decimal_ticks, narrow, panels, points, series, styled, subplots, ticked
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
 _DIVERGING = "RdBu_r"
@@ -112,7 +100,7 @@ def gap_map_figure(p: GapPictures) -> Figure:
     top, ax = axes[:, 0]
     phase = (np.arange(n) + 0.5) / n
     u = displacement_mm / np.abs(displacement_mm).max(axis=1, keepdims=True)
-    top.plot(phase, u.mean(axis=0), color=BLACK)
+    top.plot(phase, u.mean(axis=0), color="black")
     top.set_ylabel("u / A")
     top.set_yticks([-1, 0, 1])
     across, norm = np.arange(n + 1) / n, TwoSlopeNorm(0.0, -limit, limit)
@@ -151,7 +139,7 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
             ax.vlines(orders + offsets[t], 0.0, values[t, 1:], color=shades[t], linewidth=1.0)
             mark = {"marker": _TEST_MARKERS[t % 10], "markersize": 3.2}
             ax.plot(orders + offsets[t], values[t, 1:], ls="none", color=shades[t], label=name, **mark)
-        ax.axhline(0.0, color=BLACK, linewidth=0.6)
+        ax.axhline(0.0, color="black", linewidth=0.6)
         ax.set_title(title, loc="left")
         ax.set_xticks(orders)
         ax.set_xlabel("harmonic")
@@ -243,7 +231,7 @@ def gap_regions_figure(regions: Sequence[Statistic]) -> Figure:
         ax.plot([x.low_N, x.high_N], [k, k], color=color, linewidth=2.2)
         ax.plot(x.gap_N, k, "o", color=color, markerfacecolor=BLUE if x.significant else "white")
         ax.annotate(share, (1.01, k), xycoords=("axes fraction", "data"), va="center", fontsize=7.5)
-    ax.axvline(whole, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
+    ax.axvline(whole, color="black", linewidth=0.8, linestyle=(0, (4, 2)))
     ax.set_yticks(y, [x.name for x in regions])
     ax.set_xlim(left=0.0)
     ax.set_xlabel("gap there (N RMS), its share of the whole in %; dashed: the whole loop")

@@ -13,19 +13,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.frequencies import determined_names
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.report.style import (
-    MODEL,
-    PRIOR,
-    RED,
-    Shown,
-    StyleError,
-    asked_width,
-    into_given_axes,
-    narrow,
-    on_phone,
-    styled,
-    subplots,
-)
+from bayes_iwan.report.style import MODEL, PRIOR, RED, blank, narrow, on_phone, refuse_given_axes, styled, subplots
 
 #: quantities of a corner plot on a phone, where more would be too small to read
 ON_PHONE = 4
@@ -126,8 +114,7 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
 
     Raises InputError where nothing varies, StyleError for axes of yours: it makes its own.
     """
-    if into_given_axes():
-        raise StyleError("ax: a corner plot makes its own axes; give width=... or style=... instead")
+    refuse_given_axes("a corner plot")
     names = [n for n, x in draws.items() if np.all(np.isfinite(x)) and np.ptp(x) > 0]
     if not names:
         raise InputError("corner plot: no number varies among the draws")
@@ -136,13 +123,14 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
     table = np.stack([draws[k] for k in names])
     shown = [labels.get(k, k) if labels else k for k in names]
     ranges = [_range(x) for x in table]
-    size, letters = asked_width(min(0.95 * n + 1.0, 14.0)), 7.5 if on_phone() else 6.5
+    letters = 7.5 if on_phone() else 6.5
     with (
         mpl.rc_context({"axes.grid": False, "xtick.labelsize": letters, "ytick.labelsize": letters}),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # corner's own notes on sparse contours
-        figure = Shown(figsize=(size, size))
+        figure = blank(min(0.95 * n + 1.0, 14.0))
+        size = figure.get_figwidth()
         sides = {"left": 0.9 / size, "right": 1 - 0.15 / size, "bottom": 0.8 / size, "top": 1 - 0.25 / size}
         grid = figure.add_gridspec(n, n, **sides, wspace=0.06, hspace=0.06)
         for i in range(n):  # the lower triangle alone: empty axes cost as much as full ones
