@@ -18,23 +18,29 @@ Given = TypeVar("Given")
 MODEL_PARTS = {"grip": "normal_force"}
 #: parameters of the Iwan model
 PARAMETERS = {
-    "grip_slope": "normal_force_slope", "grip_rate": "normal_force_rate", "grip_corner": "normal_force_corner",
-    "stiffness_bend": "stiffness_ratio", **{f"slip_tilt{k}": f"slip_deviation{k}" for k in range(1, 7)},
-}  # fmt: skip
+    "grip_slope": "normal_force_slope",
+    "grip_rate": "normal_force_rate",
+    "grip_corner": "normal_force_corner",
+    "stiffness_bend": "stiffness_ratio",
+    **{f"slip_tilt{k}": f"slip_deviation{k}" for k in range(1, 7)},
+}
 #: effects by the name that files give them
 EFFECTS = {"mains_hum": "mains_interference"}
 #: parameters of effects
 _EFFECT_PARAMETERS = {
-    "viscous_damping.bend_m_s": "viscous_damping.thinning_m_s", "cubic_stiffness.bend": "cubic_stiffness.knee",
+    "viscous_damping.bend_m_s": "viscous_damping.thinning_m_s",
+    "cubic_stiffness.bend": "cubic_stiffness.knee",
     "stiffness_law_free.bend": "stiffness_law_free.growth",
     "force_highpass.stood_cycles": "force_highpass.held_cycles",
     "force_highpass.stood_share": "force_highpass.held_share",
-}  # fmt: skip
+}
 #: classes of effects, which saved fits and exported models name
 EFFECT_CLASSES = {
-    "MainsHum": "MainsInterference", "MainsHum60": "MainsInterference60", "BentStiffness": "TrilinearStiffness",
+    "MainsHum": "MainsInterference",
+    "MainsHum60": "MainsInterference60",
+    "BentStiffness": "TrilinearStiffness",
     "DirectionDependentGrip": "DirectionDependentNormalForce",
-}  # fmt: skip
+}
 #: what a user's own effect or simulator defines
 EFFECT_MEMBERS = {"grip": "normal_force"}
 SIMULATOR_MEMBERS = {"stations": "stages"}
@@ -44,9 +50,12 @@ OPTIONS = {"executor": "workers"}
 FAMILIES = {"constant_grip": "constant_normal_force"}
 #: keys of a diagnosis of schema 2
 DIAGNOSIS = {
-    "rest": "unexplained", "unknown_rest": "unknown_cause", "looks_like": "resembles", "rivals": "alternatives",
+    "rest": "unexplained",
+    "unknown_rest": "unknown_cause",
+    "looks_like": "resembles",
+    "rivals": "alternatives",
     "cannot_tell_apart": "tied_with",
-}  # fmt: skip
+}
 #: keys of a sealed truth, and the folder of its sealed tests
 TRUTH = {"unseen_data": "sealed_data", "unseen": "sealed"}
 #: keys of the figures of an effect, as studies store them

@@ -93,9 +93,10 @@ def several(flag: str, metavar: str, help: str) -> Argument:
 
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
 OUT = argument(
-    "--out", metavar="DIR", help="folder for the results; made if need be (default: named after the campaign and the "
-    "command)",
-)  # fmt: skip
+    "--out",
+    metavar="DIR",
+    help="folder for the results; made if need be (default: named after the campaign and the command)",
+)
 OVERWRITE = argument(
     "--overwrite", action="store_true", help="write over the finished results of another campaign in that folder"
 )

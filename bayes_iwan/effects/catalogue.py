@@ -16,9 +16,13 @@ from bayes_iwan.models.user_file import classes_in
 Maker = Callable[..., Effect]
 
 BUILT_IN: tuple[type[Effect], ...] = (
-    *specimen_forces.EFFECTS, *friction.EFFECTS, *lag.EFFECTS, *mounting.EFFECTS, *measuring_chain.EFFECTS,
+    *specimen_forces.EFFECTS,
+    *friction.EFFECTS,
+    *lag.EFFECTS,
+    *mounting.EFFECTS,
+    *measuring_chain.EFFECTS,
     *along_record.EFFECTS,
-)  # fmt: skip
+)
 #: names, in the order of the signal; an effect with several laws is one name
 NAMES: tuple[str, ...] = tuple(dict.fromkeys(e.name for e in BUILT_IN))
 #: patterns without a cause, which stand for "unknown"

@@ -299,6 +299,11 @@ class DirectionDependentSlip(DirectionDependentNormalForce):
 
 
 EFFECTS: tuple[type[Effect], ...] = (
-    StribeckWeakening, RateStrengthening, FrictionFade, SpringSoftening, DirectionDependentFriction,
-    DirectionDependentNormalForce, DirectionDependentSlip,
-)  # fmt: skip
+    StribeckWeakening,
+    RateStrengthening,
+    FrictionFade,
+    SpringSoftening,
+    DirectionDependentFriction,
+    DirectionDependentNormalForce,
+    DirectionDependentSlip,
+)

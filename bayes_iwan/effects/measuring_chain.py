@@ -282,6 +282,11 @@ class ForceClipping(Effect):
 
 
 EFFECTS: tuple[type[Effect], ...] = (
-    ChannelDelay, IntegrationHighpass, ForceHighpass, ForceHighpassFromStart, ForceLowpass, SteepLowpass,
+    ChannelDelay,
+    IntegrationHighpass,
+    ForceHighpass,
+    ForceHighpassFromStart,
+    ForceLowpass,
+    SteepLowpass,
     ForceClipping,
-)  # fmt: skip
+)

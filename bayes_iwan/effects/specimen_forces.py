@@ -287,6 +287,12 @@ class EndStops(_Contact):
 
 
 EFFECTS: tuple[type[Effect], ...] = (
-    ViscousDamping, MaxwellBranch, MovingMass, QuadraticStiffness, CubicStiffness, TrilinearStiffness, EndStop,
+    ViscousDamping,
+    MaxwellBranch,
+    MovingMass,
+    QuadraticStiffness,
+    CubicStiffness,
+    TrilinearStiffness,
+    EndStop,
     EndStops,
-)  # fmt: skip
+)

@@ -105,9 +105,14 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
     if not (np.isfinite(scalars).all() and np.isfinite(tables).all() and np.all(top > 0.0)):
         raise ExportError("some draws give no finite force (slip forces or laws out of range); export fewer draws")
     return Device(
-        parameters=parameters, tables=np.ascontiguousarray(tables), top_N=top, states=states, named=named,
-        stages={name: tuple(code) for name, code in stages.items()}, omitted=omitted,
-    )  # fmt: skip
+        parameters=parameters,
+        tables=np.ascontiguousarray(tables),
+        top_N=top,
+        states=states,
+        named=named,
+        stages={name: tuple(code) for name, code in stages.items()},
+        omitted=omitted,
+    )
 
 
 def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[str, Array], dict[str, list[str]]]:
@@ -152,9 +157,14 @@ def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[st
 
 
 def _add(
-    effect: Effect, law: Law, values: ParameterValues, tested_hz: tuple[float, float], parameters: dict[str, Array],
-    stages: dict[str, list[str]], states: dict[str, tuple[int, float]],
-) -> None:  # fmt: skip
+    effect: Effect,
+    law: Law,
+    values: ParameterValues,
+    tested_hz: tuple[float, float],
+    parameters: dict[str, Array],
+    stages: dict[str, list[str]],
+    states: dict[str, tuple[int, float]],
+) -> None:
     """An effect's parameters, states and C, under names of its own."""
     short = {p.name.split(".", 1)[1]: p.name for p in effect.parameters}
     own = law.numbers(effect, values, tested_hz) if law.numbers else {n: values[full] for n, full in short.items()}

@@ -155,10 +155,13 @@ def _of_posterior(posterior: Posterior, draws: int) -> Source:
     kept = posterior.flat_z(draws) if draws else posterior.z[:0].reshape(0, posterior.ndim)
     residual = posterior.residual_size()
     return Source(
-        problem=posterior.problem, z=np.concatenate([posterior.point.z[None], kept]), campaign=posterior.campaign,
+        problem=posterior.problem,
+        z=np.concatenate([posterior.point.z[None], kept]),
+        campaign=posterior.campaign,
         method="Laplace's approximation about the most probable point" if posterior.quick else "sampled posterior",
-        seed=posterior.seed, unexplained=(residual.rms_N, residual.share),
-    )  # fmt: skip
+        seed=posterior.seed,
+        unexplained=(residual.rms_N, residual.share),
+    )
 
 
 def _of_saved_diagnosis(folder: Path, draws: int, campaign: PathLike | None) -> Source:
@@ -184,6 +187,10 @@ def _of_fit(fit: Fit, campaign: Campaign | None, draws: int, seed: int, unexplai
     rng = np.random.default_rng([seed, 3])
     away = rng.standard_normal((draws, len(fit.z))) @ np.linalg.cholesky(fit.covariance).T
     return Source(
-        problem=fit.problem, z=np.concatenate([fit.z[None], fit.z + away]), campaign=campaign, seed=seed,
-        method="diagnosis: a Gaussian about the fit with all named effects", unexplained=unexplained,
-    )  # fmt: skip
+        problem=fit.problem,
+        z=np.concatenate([fit.z[None], fit.z + away]),
+        campaign=campaign,
+        seed=seed,
+        method="diagnosis: a Gaussian about the fit with all named effects",
+        unexplained=unexplained,
+    )

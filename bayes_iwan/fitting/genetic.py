@@ -100,9 +100,16 @@ def genetic_search(
                 stopped = "stall"
                 break
     return GlobalOptimum(
-        seed=seed, x=x[0].copy(), objective=float(f[0]), first=founders, population=x, best=np.array(best),
-        median=np.array(median), n_evaluations=call.count, stopped=stopped,
-    )  # fmt: skip
+        seed=seed,
+        x=x[0].copy(),
+        objective=float(f[0]),
+        first=founders,
+        population=x,
+        best=np.array(best),
+        median=np.array(median),
+        n_evaluations=call.count,
+        stopped=stopped,
+    )
 
 
 class _Objective:

@@ -7,6 +7,13 @@ from bayes_iwan.models.scales import Reference, Scales
 from bayes_iwan.models.simulator import ModelError, Simulator
 
 __all__ = [
-    "Model", "ModelError", "Motion", "Parameter", "Reference", "Scales", "Simulator", "record_motion",
+    "Model",
+    "ModelError",
+    "Motion",
+    "Parameter",
+    "Reference",
+    "Scales",
+    "Simulator",
+    "record_motion",
     "sine_motion",
-]  # fmt: skip
+]

@@ -137,10 +137,14 @@ def sine_motion(*, frequency_hz: ArrayLike, amplitude_mm: ArrayLike, samples: in
     omega = 2.0 * np.pi * f[:, None]
     u = a[:, None] * np.sin(phase)
     return Motion(
-        displacement_mm=u[None], velocity_m_s=(1e-3 * omega * a[:, None] * np.cos(phase))[None],
-        acceleration_m_s2=(-1e-3 * omega**2 * u)[None], frequency_hz=f.astype(float), amplitude_mm=a.astype(float),
-        cycle=np.zeros(len(a)), test=np.arange(len(a)),
-    )  # fmt: skip
+        displacement_mm=u[None],
+        velocity_m_s=(1e-3 * omega * a[:, None] * np.cos(phase))[None],
+        acceleration_m_s2=(-1e-3 * omega**2 * u)[None],
+        frequency_hz=f.astype(float),
+        amplitude_mm=a.astype(float),
+        cycle=np.zeros(len(a)),
+        test=np.arange(len(a)),
+    )
 
 
 def record_motion(
@@ -153,10 +157,16 @@ def record_motion(
     steps = np.diff(t)
     step_s = steps[0] if np.allclose(steps, steps[0], rtol=1e-6, atol=0.0) else np.nan
     return Motion(
-        displacement_mm=u[None, None], velocity_m_s=v[None, None], acceleration_m_s2=np.gradient(v, t)[None, None],
-        frequency_hz=np.array([frequency_hz]), amplitude_mm=np.array([a]), cycle=np.zeros(1),
-        test=np.zeros(1, dtype=np.int64), periodic=False, step_s=np.array([step_s]),
-    )  # fmt: skip
+        displacement_mm=u[None, None],
+        velocity_m_s=v[None, None],
+        acceleration_m_s2=np.gradient(v, t)[None, None],
+        frequency_hz=np.array([frequency_hz]),
+        amplitude_mm=np.array([a]),
+        cycle=np.zeros(1),
+        test=np.zeros(1, dtype=np.int64),
+        periodic=False,
+        step_s=np.array([step_s]),
+    )
 
 
 def motion_of(loops: Sequence[Loop], blocks: bool = False) -> Motion:
@@ -171,10 +181,13 @@ def motion_of(loops: Sequence[Loop], blocks: bool = False) -> Motion:
     cycle = np.concatenate([x.block_cycle if blocks else [x.block_cycle.mean()] for x in loops])
     stated = [name for name in loops[0].extras if all(name in x.extras for x in loops)]
     return Motion(
-        displacement_mm=u, velocity_m_s=v, acceleration_m_s2=a, cycle=np.asarray(cycle, float),
+        displacement_mm=u,
+        velocity_m_s=v,
+        acceleration_m_s2=a,
+        cycle=np.asarray(cycle, float),
         frequency_hz=np.repeat([x.frequency_hz for x in loops], repeat),
         amplitude_mm=np.repeat([x.amplitude_mm for x in loops], repeat),
         test=np.repeat(np.arange(len(loops)), repeat),
         span_cycles=np.repeat([x.n_cycles for x in loops] / repeat, repeat),
         conditions={name: np.repeat([float(x.extras[name]) for x in loops], repeat) for name in stated},
-    )  # fmt: skip
+    )

@@ -8,9 +8,16 @@ from bayes_iwan.models.stiffness import from_paper_stiffness
 
 #: as printed: N/mm, N and mm; k̃ₙ in mm^−β, λ in s/m (with u̇ in m/s; in mm/s α would reach 180 at 10 Hz)
 TABLE_1 = {
-    "ki_N_mm": 19.62, "ku_N_mm": 30.37, "t_N": (0.24, 0.36, 0.50), "eta": (0.95, 5.1, 4.4), "g": (0.41, 0.53, 0.06),
-    "kn_1_mm": 1.79, "lambda_s_m": 1.58, "beta": 0.0062, "kp_N_mm": 5.49,
-}  # fmt: skip
+    "ki_N_mm": 19.62,
+    "ku_N_mm": 30.37,
+    "t_N": (0.24, 0.36, 0.50),
+    "eta": (0.95, 5.1, 4.4),
+    "g": (0.41, 0.53, 0.06),
+    "kn_1_mm": 1.79,
+    "lambda_s_m": 1.58,
+    "beta": 0.0062,
+    "kp_N_mm": 5.49,
+}
 
 
 def table_1(reference: Reference) -> dict[str, Array]:

@@ -41,16 +41,32 @@ _DASHES: tuple[LineStyleType, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (
 _MARKERS = "osD^vPX"
 
 RC: Any = {
-    "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"], "font.size": 8.5,
-    "axes.titlesize": 9, "axes.labelsize": 8.5, "legend.fontsize": 8, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.7, "axes.grid": True,
-    "axes.axisbelow": True, "grid.color": "#DDDDDD", "grid.linewidth": 0.5, "lines.linewidth": 1.2,
-    "lines.markersize": 4, "legend.frameon": False, "axes.unicode_minus": True, "path.simplify_threshold": 0.3,
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8.5,
+    "legend.fontsize": 8,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+    "legend.frameon": False,
+    "axes.unicode_minus": True,
+    "path.simplify_threshold": 0.3,
     "svg.fonttype": "none",  # text stays text: a browser prints it so
     "pdf.fonttype": 42,  # the same in files: whole letters, which publishers ask for
-    "figure.facecolor": "white", "savefig.facecolor": "white",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
     "figure.constrained_layout.w_pad": 0.09,  # a browser's letters are a little wider than those laid out
-}  # fmt: skip
+}
 
 #: dots an inch of PNG files, at which figures are laid out: at 100 letters are hinted a tenth narrower than elsewhere,
 #: and labels that fit there would be cut off in every file
@@ -293,9 +309,15 @@ def ticked(axes: Sequence[Axes]) -> None:
 
 
 def band(
-    axes: Axes, x: Array, draws: Array, color: str = MODEL, levels: Sequence[float] = (0.9, 0.5),
-    line: LineStyleType = "-", label: str | None = None, median: bool = True,
-) -> None:  # fmt: skip
+    axes: Axes,
+    x: Array,
+    draws: Array,
+    color: str = MODEL,
+    levels: Sequence[float] = (0.9, 0.5),
+    line: LineStyleType = "-",
+    label: str | None = None,
+    median: bool = True,
+) -> None:
     """Central intervals of draws (draws, len(x)) at each x, wide ones pale, and the median."""
     for level, shade in zip(levels, (0.22, 0.42)):
         low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)
@@ -305,9 +327,14 @@ def band(
 
 
 def numbered_cells(
-    axes: Axes, values: Array, texts: Sequence[Sequence[str]], rows: Sequence[str], columns: Sequence[str],
-    bold: NDArray[np.bool_] | None = None, **mesh: Any,
-) -> None:  # fmt: skip
+    axes: Axes,
+    values: Array,
+    texts: Sequence[Sequence[str]],
+    rows: Sequence[str],
+    columns: Sequence[str],
+    bold: NDArray[np.bool_] | None = None,
+    **mesh: Any,
+) -> None:
     """A table of coloured cells (rows, columns) with a text in each, rows from the top down; bold : which of them."""
     n, m = values.shape
     axes.pcolormesh(np.arange(m + 1), np.arange(n + 1), values, edgecolors="white", linewidth=1.0, **mesh)

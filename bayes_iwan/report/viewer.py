@@ -52,9 +52,13 @@ def viewer_data(p: Predictive) -> dict[str, object]:
         low, high = (np.quantile(p.force_N[:, t], q, axis=0) for q in ([0.05, 0.25], [0.75, 0.95]))
         bands = [np.quantile(x[:, t], [0.05, 0.25, 0.75, 0.95], axis=0) for x in (p.cycle_N, p.loop_N)]
         found: dict[str, object] = {
-            "name": loop.record.units.said(test_name(loop)), "file": loop.file, "u": rounded(p.displacement_mm[t], far),
-            "slope": float(slope), "zero": float(zero), "measured": rounded(p.measured_N[t], near),
-        }  # fmt: skip
+            "name": loop.record.units.said(test_name(loop)),
+            "file": loop.file,
+            "u": rounded(p.displacement_mm[t], far),
+            "slope": float(slope),
+            "zero": float(zero),
+            "measured": rounded(p.measured_N[t], near),
+        }
         lines = {"model": (*low, p.median_N[t], *high), "cycle": bands[0], "loop": bands[1]}
         lines["draws"] = tuple(p.force_N[picked, t])
         found |= {n: [rounded(x, near) for x in some] for n, some in lines.items()}
@@ -106,12 +110,17 @@ def effect_viewer_data(found: Diagnosis) -> dict[str, object]:
         zero = float(force.mean())
         line = np.polyfit(u, straight_part(force - zero, u), 1) if springs is None else np.array([springs[0], 0.0])
         places = _places(loop.amplitude_mm, float(np.ptp(force - np.polyval(line, u))))
-        tests.append({
-            "name": loop.record.units.said(test_name(loop)), "u": rounded(u, places[0]), "slope": float(line[0]),
-            "zero": float(line[1]), "measured": rounded(force - zero, places[1]),
-            "sets": [rounded(x, places[1]) for x in sets[:, t]],
-            "cycles": _cycles(loop, len(found.data.loops), zero, places),
-        })  # fmt: skip
+        tests.append(
+            {
+                "name": loop.record.units.said(test_name(loop)),
+                "u": rounded(u, places[0]),
+                "slope": float(line[0]),
+                "zero": float(line[1]),
+                "measured": rounded(force - zero, places[1]),
+                "sets": [rounded(x, places[1]) for x in sets[:, t]],
+                "cycles": _cycles(loop, len(found.data.loops), zero, places),
+            }
+        )
     units = found.campaign.units
     effects = [title(name) for name in names]
     return {"tests": tests, "effects": effects, "displacement": units.displacement, "force": units.force}

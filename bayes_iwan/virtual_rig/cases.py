@@ -58,9 +58,15 @@ class Case:
             "case": name,
             "kind": self.kind,
             "effects": [
-                {"name": f.name, "law": f.law, "size": round(f.size, 6), "visible_share": round(f.visible, 6),
-                 "share": round(f.share, 6), "share_of_square": round(f.share_of_square, 6),
-                 "parameters": dict(f.parameters)}
+                {
+                    "name": f.name,
+                    "law": f.law,
+                    "size": round(f.size, 6),
+                    "visible_share": round(f.visible, 6),
+                    "share": round(f.share, 6),
+                    "share_of_square": round(f.share_of_square, 6),
+                    "parameters": dict(f.parameters),
+                }
                 for f in self.faults
             ],
             "specimen": self.specimen.summary(),
@@ -73,7 +79,7 @@ class Case:
             "friction_rms_N": self.friction_rms_N,
             "design": {"tests": [*map(asdict, self.tests)], "sealed": [*map(asdict, self.sealed)]},
             "seed": self.seed,
-        }  # fmt: skip
+        }
 
 
 def draw_design(rng: np.random.Generator) -> tuple[tuple[PlannedTest, ...], tuple[PlannedTest, ...]]:
@@ -116,14 +122,19 @@ def draw_setup(rng: np.random.Generator) -> Setup:
     return Setup(
         shaker_compliance_mm_N=float(rng.uniform(0.5e-3, 4e-3)),
         fixture_compliance_mm_N=float(rng.uniform(2e-5, 1e-4)),
-        second_harmonic=float(rng.uniform(0.005, 0.02)), third_harmonic=float(rng.uniform(0.003, 0.015)),
+        second_harmonic=float(rng.uniform(0.005, 0.02)),
+        third_harmonic=float(rng.uniform(0.003, 0.015)),
         sensors=Sensors(
-            displacement_corner_hz=corner, force_corner_hz=corner * (1 + 0.005 * float(rng.standard_normal())),
-            damping_ratio=float(rng.uniform(0.6, 0.75)), antialias_hz=float(rng.uniform(440.0, 520.0)),
-            noise_correlation=float(rng.uniform(0.1, 0.5)), slow_share=float(rng.uniform(0.05, 0.3)),
-            displacement_step_mm=float(10 ** rng.uniform(-5.3, -4.3)), force_step_N=float(10 ** rng.uniform(-4, -3)),
+            displacement_corner_hz=corner,
+            force_corner_hz=corner * (1 + 0.005 * float(rng.standard_normal())),
+            damping_ratio=float(rng.uniform(0.6, 0.75)),
+            antialias_hz=float(rng.uniform(440.0, 520.0)),
+            noise_correlation=float(rng.uniform(0.1, 0.5)),
+            slow_share=float(rng.uniform(0.05, 0.3)),
+            displacement_step_mm=float(10 ** rng.uniform(-5.3, -4.3)),
+            force_step_N=float(10 ** rng.uniform(-4, -3)),
         ),
-    )  # fmt: skip
+    )
 
 
 def _draw_names(kind: str, rng: np.random.Generator, outside: Sequence[str]) -> tuple[str, ...]:

@@ -30,12 +30,15 @@ def _load(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 
 COMPLIANCE = FaultKind(
-    "rig_compliance", "compliance_mm_N", linear(lambda s: 0.08), (
+    "rig_compliance",
+    "compliance_mm_N",
+    linear(lambda s: 0.08),
+    (
         Law("linear", lambda p: Acting(extra_compliance_mm_N=p["compliance_mm_N"])),
         Law("stiffening", _joint(np.arcsinh), _load),
         Law("hertz", _joint(lambda x: (x + 0.02) ** (2 / 3) - 0.02 ** (2 / 3)), _load),
     ),
-)  # fmt: skip
+)
 
 
 def _loose(play_mm: float) -> FaultValues:
@@ -58,23 +61,34 @@ def _give(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 
 PLAY = FaultKind(
-    "free_play", "play_mm", linear(lambda s: 0.25 * s.largest_mm), (
+    "free_play",
+    "play_mm",
+    linear(lambda s: 0.25 * s.largest_mm),
+    (
         Law("hard", lambda p: Acting(motion=_loose(p["play_mm"]))),
         Law("hertz_ends", _soft_play(lambda x: (x + 0.01) ** (2 / 3) - 0.01 ** (2 / 3)), _give),
         Law("rough_ends", _soft_play(lambda x: np.log1p(20.0 * x) / np.log(21.0)), _give),
     ),
-)  # fmt: skip
+)
 
 MASS = FaultKind(
-    "moving_mass", "m_kg", linear(lambda s: 2e3 * s.stiffness_N_mm / s.fastest_rad_s**2), (
+    "moving_mass",
+    "m_kg",
+    linear(lambda s: 2e3 * s.stiffness_N_mm / s.fastest_rad_s**2),
+    (
         Law("rigid", lambda p: Acting(chain=Chain(moving_mass_kg=p["m_kg"]))),
-        Law("soft_mount",
+        Law(
+            "soft_mount",
             lambda p: Acting(
-                chain=Chain(moving_mass_kg=p["m_kg"], mass_mount_hz=p["mount_hz"], mass_mount_ratio=p["ratio"])),
-            lambda g, s: {"mount_hz": float(g.uniform(2.0, 4.0)) * max(s.frequencies_hz),
-                          "ratio": float(g.uniform(0.03, 0.4))}),
+                chain=Chain(moving_mass_kg=p["m_kg"], mass_mount_hz=p["mount_hz"], mass_mount_ratio=p["ratio"])
+            ),
+            lambda g, s: {
+                "mount_hz": float(g.uniform(2.0, 4.0)) * max(s.frequencies_hz),
+                "ratio": float(g.uniform(0.03, 0.4)),
+            },
+        ),
     ),
-)  # fmt: skip
+)
 
 
 # ---- delays and filters
@@ -100,13 +114,16 @@ def _delayed(filtered: Callable[[float], Transfer]) -> Callable[[Parameters], Ac
 
 
 DELAY = FaultKind(
-    "channel_delay", "delay_s", linear(lambda s: 0.004), (
+    "channel_delay",
+    "delay_s",
+    linear(lambda s: 0.004),
+    (
         Law("pure", lambda p: Acting(chain=Chain(delay_s=p["delay_s"]))),
         Law("all_pass", _delayed(lambda t: ((-0.5 * t, 1.0), (0.5 * t, 1.0)))),
         Law("second_order", _delayed(lambda t: ((1.0,), (0.36 * t * t, t, 1.0)))),
     ),
     signed=True,
-)  # fmt: skip
+)
 
 
 #: the name of a law, and its filter for a corner frequency (Hz)
@@ -160,7 +177,7 @@ LOW_PASS = FaultKind(
         ("bessel", lambda f: _order("bessel", 2, f)),
         ("fourth_order", lambda f: _order("butter", 4, f)),
     ),
-)  # fmt: skip
+)
 
 
 # ---- what is added to the force
@@ -190,15 +207,22 @@ def _record(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 
 DRIFT = FaultKind(
-    "force_drift", "rate_N_s", linear(lambda s: 2.0 * s.friction_rms_N / s.record_s), (
+    "force_drift",
+    "rate_N_s",
+    linear(lambda s: 2.0 * s.friction_rms_N / s.record_s),
+    (
         Law("steady", _added(lambda t, p, rng: t), evolves=True),
-        Law("settling", _added(lambda t, p, rng: 1.0 - np.exp(-t / (p["settle_share"] * p["record_s"]))),
-            lambda g, s: {**_record(g, s), "settle_share": float(g.uniform(0.15, 0.5))}, True),
+        Law(
+            "settling",
+            _added(lambda t, p, rng: 1.0 - np.exp(-t / (p["settle_share"] * p["record_s"]))),
+            lambda g, s: {**_record(g, s), "settle_share": float(g.uniform(0.15, 0.5))},
+            True,
+        ),
         Law("random_walk", _added(_wander), _record, True),
         Law("root_of_time", _added(lambda t, p, rng: np.sqrt(t / p["record_s"])), _record, True),
     ),
     signed=True,
-)  # fmt: skip
+)
 
 
 def _mains(third: float, fifth: float, wander_hz: float = 0.0, beat: float = 0.0) -> Callable[[Parameters], Acting]:
@@ -219,14 +243,17 @@ def _mains(third: float, fifth: float, wander_hz: float = 0.0, beat: float = 0.0
 
 
 MAINS = FaultKind(
-    "mains_interference", "amplitude_N", linear(lambda s: 0.6 * s.friction_rms_N), (
+    "mains_interference",
+    "amplitude_N",
+    linear(lambda s: 0.6 * s.friction_rms_N),
+    (
         Law("sine", _mains(0.0, 0.0)),
         Law("harmonics", _mains(0.35, 0.15)),
         Law("wandering", _mains(0.1, 0.0, wander_hz=0.08)),
         Law("beating", _mains(0.1, 0.05, beat=0.5)),
     ),
     lambda g, s: {"frequency_hz": float(g.choice([50.0, 60.0]))},
-)  # fmt: skip
+)
 
 
 # ---- one limit in newtons for the whole campaign
@@ -254,17 +281,32 @@ def _unequal(p: Parameters) -> Acting:
 
 
 CLIPPING = FaultKind(
-    "force_clipping", "limit_N", lambda s, strength: s.force_peak_N * (1.0 - 0.7 * strength), (
+    "force_clipping",
+    "limit_N",
+    lambda s, strength: s.force_peak_N * (1.0 - 0.7 * strength),
+    (
         Law("hard", _clipped(lambda x, p: np.clip(x, -1.0, 1.0))),
-        Law("soft", _clipped(_soft_knee), lambda g, s: {"sharpness": float(g.uniform(4.0, 12.0))},
-            strongest=lambda s, strength: s.force_peak_N * 0.3 / strength),
+        Law(
+            "soft",
+            _clipped(_soft_knee),
+            lambda g, s: {"sharpness": float(g.uniform(4.0, 12.0))},
+            strongest=lambda s, strength: s.force_peak_N * 0.3 / strength,
+        ),
         Law("compressed", _clipped(_compressed)),
         Law("one_side", _clipped(lambda x, p: np.minimum(x, 1.0))),
-        Law("unequal", _unequal,
-            lambda g, s: {"lower_share": float(g.uniform(0.3, 0.8)), "peak_N": s.force_peak_N}),
+        Law("unequal", _unequal, lambda g, s: {"lower_share": float(g.uniform(0.3, 0.8)), "peak_N": s.force_peak_N}),
     ),
-)  # fmt: skip
+)
 
 KINDS = (
-    COMPLIANCE, PLAY, MASS, DELAY, INTEGRATION, HIGH_PASS, LOW_PASS, DRIFT, MAINS, CLIPPING,
-)  # fmt: skip
+    COMPLIANCE,
+    PLAY,
+    MASS,
+    DELAY,
+    INTEGRATION,
+    HIGH_PASS,
+    LOW_PASS,
+    DRIFT,
+    MAINS,
+    CLIPPING,
+)

@@ -37,21 +37,33 @@ def _blow_off(p: Parameters) -> Acting:
 
 
 VISCOUS = FaultKind(
-    "viscous_damping", "c_N_s_mm", linear(lambda s: 2 * s.stiffness_N_mm / s.fastest_rad_s), (
+    "viscous_damping",
+    "c_N_s_mm",
+    linear(lambda s: 2 * s.stiffness_N_mm / s.fastest_rad_s),
+    (
         Law("linear", lambda p: Acting(speed_force=lambda v: p["c_N_s_mm"] * v)),
-        Law("power",
-            lambda p: Acting(speed_force=lambda v: p["c_N_s_mm"] * (v0 := p["reference_mm_s"]) * np.sign(v)
-                             * np.abs(v / v0) ** p["power"]),
-            _draw_power),
-        Law("shear_thinning",
+        Law(
+            "power",
+            lambda p: Acting(
+                speed_force=lambda v: (
+                    p["c_N_s_mm"] * (v0 := p["reference_mm_s"]) * np.sign(v) * np.abs(v / v0) ** p["power"]
+                )
+            ),
+            _draw_power,
+        ),
+        Law(
+            "shear_thinning",
             lambda p: Acting(speed_force=lambda v: p["c_N_s_mm"] * v / np.sqrt(1.0 + (v / p["thinning_mm_s"]) ** 2)),
-            lambda g, s: {"thinning_mm_s": float(g.uniform(0.2, 0.6)) * s.speed_mm_s}),
+            lambda g, s: {"thinning_mm_s": float(g.uniform(0.2, 0.6)) * s.speed_mm_s},
+        ),
         Law("blow_off", _blow_off, lambda g, s: {"opens_mm_s": float(g.uniform(0.25, 0.6)) * s.speed_mm_s}),
-        Law("one_way_valve",
+        Law(
+            "one_way_valve",
             lambda p: Acting(speed_force=lambda v: p["c_N_s_mm"] * np.where(v > 0.0, v, p["return_ratio"] * v)),
-            lambda g, s: {"return_ratio": float(g.uniform(0.3, 0.7))}),
+            lambda g, s: {"return_ratio": float(g.uniform(0.3, 0.7))},
+        ),
     ),
-)  # fmt: skip
+)
 
 
 # ---- a branch that relaxes
@@ -78,16 +90,24 @@ def _two_times(p: Parameters) -> Acting:
 
 
 MAXWELL = FaultKind(
-    "maxwell_branch", "k_N_mm", linear(lambda s: 3 * s.stiffness_N_mm), (
-        Law("one_time", lambda p: Acting(
-            motion=FaultValues(branch_k=np.array([p["k_N_mm"]]), branch_tau=np.array([p["tau_s"]])))),
+    "maxwell_branch",
+    "k_N_mm",
+    linear(lambda s: 3 * s.stiffness_N_mm),
+    (
+        Law(
+            "one_time",
+            lambda p: Acting(motion=FaultValues(branch_k=np.array([p["k_N_mm"]]), branch_tau=np.array([p["tau_s"]]))),
+        ),
         Law("springpot", _springpot, lambda g, s: {"order": float(g.uniform(0.2, 0.6))}),
         Law("lognormal_times", _spread_times, lambda g, s: {"spread": float(g.uniform(0.6, 1.4))}),
-        Law("two_times", _two_times,
-            lambda g, s: {"slow_share": float(g.uniform(0.3, 0.7)), "slow_tau_s": log_uniform(g, 0.1, 0.6)}),
+        Law(
+            "two_times",
+            _two_times,
+            lambda g, s: {"slow_share": float(g.uniform(0.3, 0.7)), "slow_tau_s": log_uniform(g, 0.1, 0.6)},
+        ),
     ),
     lambda g, s: {"tau_s": log_uniform(g, 0.002, 0.06)},
-)  # fmt: skip
+)
 
 
 # ---- springs that are not straight; parameters are those of the leading power at the reach
@@ -102,21 +122,37 @@ def _two_slopes(p: Parameters) -> Acting:
 
 
 QUADRATIC = FaultKind(
-    "quadratic_stiffness", "k2_N_mm2", linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm), (
+    "quadratic_stiffness",
+    "k2_N_mm2",
+    linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm),
+    (
         Law("square", lambda p: Acting(displacement_force=lambda d: p["k2_N_mm2"] * d**2)),
         # hardens to one side as collagen does: k2·d² is its first term, the straight one taken off
-        Law("exponential",
-            lambda p: Acting(displacement_force=lambda d: 2 * p["k2_N_mm2"] / (a := p["steepness"] / p["reach_mm"])**2
-                             * (np.exp(a * d) - 1.0 - a * d)),
-            lambda g, s: {**_largest(g, s), "steepness": float(g.uniform(0.8, 2))}),
-        Law("one_sided",
-            lambda p: Acting(displacement_force=lambda d: 2 * p["k2_N_mm2"] * np.where(d > 0.0, d * d, 0.0))),
-        Law("two_slopes", _two_slopes,
-            lambda g, s: {**_largest(g, s), "corner_share": float(g.uniform(0.1, 0.4)),
-                          "place_share": float(g.uniform(-0.2, 0.2))}),
+        Law(
+            "exponential",
+            lambda p: Acting(
+                displacement_force=lambda d: (
+                    2 * p["k2_N_mm2"] / (a := p["steepness"] / p["reach_mm"]) ** 2 * (np.exp(a * d) - 1.0 - a * d)
+                )
+            ),
+            lambda g, s: {**_largest(g, s), "steepness": float(g.uniform(0.8, 2))},
+        ),
+        Law(
+            "one_sided",
+            lambda p: Acting(displacement_force=lambda d: 2 * p["k2_N_mm2"] * np.where(d > 0.0, d * d, 0.0)),
+        ),
+        Law(
+            "two_slopes",
+            _two_slopes,
+            lambda g, s: {
+                **_largest(g, s),
+                "corner_share": float(g.uniform(0.1, 0.4)),
+                "place_share": float(g.uniform(-0.2, 0.2)),
+            },
+        ),
     ),
     signed=True,
-)  # fmt: skip
+)
 
 
 def _trilinear(p: Parameters) -> Acting:
@@ -141,14 +177,17 @@ def _draw_knee(low: float, high: float) -> Draw:
 
 
 CUBIC = FaultKind(
-    "cubic_stiffness", "k3_N_mm3", linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm**2), (
+    "cubic_stiffness",
+    "k3_N_mm3",
+    linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm**2),
+    (
         Law("cube", lambda p: Acting(displacement_force=lambda d: p["k3_N_mm3"] * d**3)),
         Law("bends", _trilinear, _draw_knee(0.35, 0.65)),
         Law("tanh", _tanh_spring, _draw_knee(0.3, 0.8)),
         Law("sinh", _sinh_spring, _draw_knee(0.2, 0.4)),
     ),
     signed=True,
-)  # fmt: skip
+)
 
 
 # ---- a stop on one side
@@ -164,42 +203,75 @@ def _stop(power: float, loss: bool = False) -> Callable[[Parameters], Acting]:
 
 
 END_STOP = FaultKind(
-    "end_stop", "k_N_mm", linear(lambda s: 60.0), (
+    "end_stop",
+    "k_N_mm",
+    linear(lambda s: 60.0),
+    (
         Law("straight", _stop(1.0)),
         Law("hertz", _stop(1.5), lambda g, s: {"indent_mm": 0.2 * s.largest_mm}),
         Law("lossy", _stop(1.0, loss=True), lambda g, s: {"loss_s_m": float(g.uniform(5.0, 25.0))}),
-        Law("rounded",
-            lambda p: Acting(displacement_force=lambda d: p["k_N_mm"] * p["width_mm"]
-                             * np.logaddexp(0.0, (d - p["clearance_mm"]) / p["width_mm"])),
-            lambda g, s: {"width_mm": float(g.uniform(0.03, 0.08)) * s.largest_mm}),
-        Law("two_stage",
-            lambda p: Acting(displacement_force=lambda d: 0.3 * p["k_N_mm"] * np.maximum(d - p["clearance_mm"], 0.0)
-                             + p["k_N_mm"] * np.maximum(d - p["second_clearance_mm"], 0.0)),
-            lambda g, s: {"second_clearance_mm": float(g.uniform(0.8, 0.92)) * s.largest_mm}),
-        Law("hertz_both_sides",
-            lambda p: Acting(displacement_force=lambda d: np.sign(d) * (p["k_N_mm"] * p["indent_mm"] ** -0.5)
-                             * np.maximum(np.abs(d) - p["clearance_mm"], 0.0) ** 1.5),
-            lambda g, s: {"indent_mm": 0.2 * s.largest_mm}),
+        Law(
+            "rounded",
+            lambda p: Acting(
+                displacement_force=lambda d: (
+                    p["k_N_mm"] * p["width_mm"] * np.logaddexp(0.0, (d - p["clearance_mm"]) / p["width_mm"])
+                )
+            ),
+            lambda g, s: {"width_mm": float(g.uniform(0.03, 0.08)) * s.largest_mm},
+        ),
+        Law(
+            "two_stage",
+            lambda p: Acting(
+                displacement_force=lambda d: (
+                    0.3 * p["k_N_mm"] * np.maximum(d - p["clearance_mm"], 0.0)
+                    + p["k_N_mm"] * np.maximum(d - p["second_clearance_mm"], 0.0)
+                )
+            ),
+            lambda g, s: {"second_clearance_mm": float(g.uniform(0.8, 0.92)) * s.largest_mm},
+        ),
+        Law(
+            "hertz_both_sides",
+            lambda p: Acting(
+                displacement_force=lambda d: (
+                    np.sign(d)
+                    * (p["k_N_mm"] * p["indent_mm"] ** -0.5)
+                    * np.maximum(np.abs(d) - p["clearance_mm"], 0.0) ** 1.5
+                )
+            ),
+            lambda g, s: {"indent_mm": 0.2 * s.largest_mm},
+        ),
     ),
     lambda g, s: {"clearance_mm": float(g.uniform(0.5, 0.78)) * s.largest_mm},
-)  # fmt: skip
+)
 
 # ---- springs that soften along a record
 
 
 SOFTENING = FaultKind(
-    "spring_softening", "drop", linear(lambda s: 0.5), (
-        Law("settles",
+    "spring_softening",
+    "drop",
+    linear(lambda s: 0.5),
+    (
+        Law(
+            "settles",
             lambda p: Acting(motion=FaultValues(warming_1_s=p["drop"] / p["tau_s"], warming_tau=p["tau_s"])),
-            evolves=True),
-        Law("steadily", lambda p: Acting(motion=FaultValues(warming_1_s=p["drop"] / p["record_s"])),
-            lambda g, s: {"record_s": s.record_s}, True),
+            evolves=True,
+        ),
+        Law(
+            "steadily",
+            lambda p: Acting(motion=FaultValues(warming_1_s=p["drop"] / p["record_s"])),
+            lambda g, s: {"record_s": s.record_s},
+            True,
+        ),
         # with the power that friction turns to heat: the drop is that at the reference power
-        Law("friction_heat",
+        Law(
+            "friction_heat",
             lambda p: Acting(motion=FaultValues(heat_loss_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"])),
-            lambda g, s: {"tau_s": float(g.uniform(0.5, 3.0)), "reference_mW": s.power_mW}, True),
+            lambda g, s: {"tau_s": float(g.uniform(0.5, 3.0)), "reference_mW": s.power_mW},
+            True,
+        ),
     ),
     lambda g, s: {"tau_s": log_uniform(g, 0.1, 0.6) * s.record_s},
-)  # fmt: skip
+)
 
 KINDS = (VISCOUS, MAXWELL, QUADRATIC, CUBIC, END_STOP, SOFTENING)

@@ -110,9 +110,16 @@ def coloured_noise(rng: np.random.Generator, n: int, rms: float, correlation: fl
 
 
 def measure(
-    time_s: Array, displacement_mm: Array, force_N: Array, sample_times_s: Array, sensors: Sensors, chain: Chain,
-    rng: np.random.Generator, clean: bool = False, frequency_hz: float = 1.0,
-) -> tuple[Array, Array]:  # fmt: skip
+    time_s: Array,
+    displacement_mm: Array,
+    force_N: Array,
+    sample_times_s: Array,
+    sensors: Sensors,
+    chain: Chain,
+    rng: np.random.Generator,
+    clean: bool = False,
+    frequency_hz: float = 1.0,
+) -> tuple[Array, Array]:
     """Sample the motion as the chain would.
 
     Parameters: `time_s` (n,) uniform fine steps, the displacement at the sensor and the force in the sensor's

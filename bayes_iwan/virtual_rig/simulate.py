@@ -177,9 +177,16 @@ def shaker_stretch(force: Array, body: SpecimenValues) -> Array:
 
 
 def simulate_test(
-    specimen: Specimen, test: PlannedTest, *, setup: Setup | None = None, faults: tuple[Fault, ...] = (), seed: int = 0,
-    index: int = 0, fidelity: Fidelity = FULL, clean: bool = False,
-) -> RigRun:  # fmt: skip
+    specimen: Specimen,
+    test: PlannedTest,
+    *,
+    setup: Setup | None = None,
+    faults: tuple[Fault, ...] = (),
+    seed: int = 0,
+    index: int = 0,
+    fidelity: Fidelity = FULL,
+    clean: bool = False,
+) -> RigRun:
     """Run one test from rest and record it.
 
     `index` is the test's place in the campaign; `seed` and `index` settle everything random. The controller
@@ -194,9 +201,14 @@ def simulate_test(
 
 
 def observe(
-    motion: RigMotion, *, setup: Setup, faults: tuple[Fault, ...] = (), seed: int = 0, index: int = 0,
+    motion: RigMotion,
+    *,
+    setup: Setup,
+    faults: tuple[Fault, ...] = (),
+    seed: int = 0,
+    index: int = 0,
     clean: bool = False,
-) -> RigRun:  # fmt: skip
+) -> RigRun:
     """Record a motion; of the faults, those of the measuring chain act here."""
     act = acting(faults)
     chain = act.chain
@@ -212,9 +224,15 @@ def observe(
 
 
 def move(
-    specimen: Specimen, test: PlannedTest, *, setup: Setup, faults: tuple[Fault, ...] = (), seed: int = 0,
-    index: int = 0, fidelity: Fidelity = FULL,
-) -> RigMotion:  # fmt: skip
+    specimen: Specimen,
+    test: PlannedTest,
+    *,
+    setup: Setup,
+    faults: tuple[Fault, ...] = (),
+    seed: int = 0,
+    index: int = 0,
+    fidelity: Fidelity = FULL,
+) -> RigMotion:
     """Move the rig through one test from rest; see `simulate_test`."""
     check_faults(faults)
     act = acting(faults)
@@ -277,9 +295,16 @@ def move(
 
 
 def simulate_tests(
-    specimen: Specimen, tests: Sequence[PlannedTest], *, setup: Setup | None = None, faults: tuple[Fault, ...] = (),
-    seed: int = 0, first_index: int = 0, fidelity: Fidelity = FULL, clean: bool = False,
-) -> tuple[RigRun, ...]:  # fmt: skip
+    specimen: Specimen,
+    tests: Sequence[PlannedTest],
+    *,
+    setup: Setup | None = None,
+    faults: tuple[Fault, ...] = (),
+    seed: int = 0,
+    first_index: int = 0,
+    fidelity: Fidelity = FULL,
+    clean: bool = False,
+) -> tuple[RigRun, ...]:
     """Run several tests of one campaign; see `simulate_test`."""
     run = partial(simulate_test, setup=setup, faults=faults, seed=seed, fidelity=fidelity, clean=clean)
     return tuple(run(specimen, test, index=i) for i, test in enumerate(tests, start=first_index))

@@ -213,9 +213,13 @@ def shares_left(
 
 
 def _imitations(
-    specimen: Specimen, tests: Sequence[PlannedTest], runs: Sequence[RigRun], about_mean: bool, setup: Setup | None,
+    specimen: Specimen,
+    tests: Sequence[PlannedTest],
+    runs: Sequence[RigRun],
+    about_mean: bool,
+    setup: Setup | None,
     seed: int,
-) -> Array:  # fmt: skip
+) -> Array:
     """Orthonormal columns: the changes of the force that small changes of the specimen's parameters make.
 
     They are run on the few cycles of `tests`, and go on as in their last two over the whole of `runs`.

@@ -90,10 +90,18 @@ def paper_specimen(n_sliders: int = 300, seed: int | None = None) -> Specimen:
     spread = np.ones(n_sliders) if rng is None else np.exp(0.08 * rng.standard_normal(n_sliders))
     ku, ki = 30.37, 19.62
     return Specimen(
-        parallel_N_mm=5.49, contact_N_mm=ku * (1 - np.exp(-ki / ku)), curve=ki / ku, curve_power=1.0, kn_1_mm=1.79,
-        beta=0.0062, lambda_s_m=1.58, tip=0.01, stiffness_share=spread / spread.sum(), slip_share_N=slip / n_sliders,
+        parallel_N_mm=5.49,
+        contact_N_mm=ku * (1 - np.exp(-ki / ku)),
+        curve=ki / ku,
+        curve_power=1.0,
+        kn_1_mm=1.79,
+        beta=0.0062,
+        lambda_s_m=1.58,
+        tip=0.01,
+        stiffness_share=spread / spread.sum(),
+        slip_share_N=slip / n_sliders,
         family="gamma mixture",
-    )  # fmt: skip
+    )
 
 
 def _draw_slip_forces(rng: np.random.Generator, p: Array) -> tuple[str, Array]:
@@ -149,8 +157,15 @@ def draw_specimen(
         kn = pull / largest**beta
     rate = float(rng.uniform(0.03, 0.30))  # rise of α at the largest speed
     return Specimen(
-        parallel_N_mm=float(rng.uniform(3.0, 9.0)), contact_N_mm=contact, curve=float(rng.uniform(0.3, 1.3)),
-        curve_power=float(rng.uniform(0.88, 1.12)), kn_1_mm=kn, beta=beta, lambda_s_m=rate / (pull * speed_m_s),
-        tip=float(rng.uniform(0.008, 0.02)), stiffness_share=spread / spread.sum(), slip_share_N=slip / n_sliders,
+        parallel_N_mm=float(rng.uniform(3.0, 9.0)),
+        contact_N_mm=contact,
+        curve=float(rng.uniform(0.3, 1.3)),
+        curve_power=float(rng.uniform(0.88, 1.12)),
+        kn_1_mm=kn,
+        beta=beta,
+        lambda_s_m=rate / (pull * speed_m_s),
+        tip=float(rng.uniform(0.008, 0.02)),
+        stiffness_share=spread / spread.sum(),
+        slip_share_N=slip / n_sliders,
         family=family,
-    )  # fmt: skip
+    )

@@ -135,15 +135,26 @@ def _answer_one(task: _Task, name: str) -> dict[str, object]:
     cache = task.out / _CACHE
     cache.mkdir(exist_ok=True)
     order = {
-        "module": task.module, "function": task.function, "campaign": str(task.directory / name), "out": str(folder),
-        "scratch": str(scratch), "cache": str(cache), "closed": [str(truth_folder(task.directory))],
-        "seed": case_seed(task.seed, name), "quick": task.quick,
-    }  # fmt: skip
+        "module": task.module,
+        "function": task.function,
+        "campaign": str(task.directory / name),
+        "out": str(folder),
+        "scratch": str(scratch),
+        "cache": str(cache),
+        "closed": [str(truth_folder(task.directory))],
+        "seed": case_seed(task.seed, name),
+        "quick": task.quick,
+    }
     environment = os.environ | {
-        "NUMBA_CACHE_DIR": str(cache), "TMPDIR": str(scratch), "HOME": str(scratch),
-        "MPLCONFIGDIR": str(scratch), "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
-        "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
-    }  # fmt: skip
+        "NUMBA_CACHE_DIR": str(cache),
+        "TMPDIR": str(scratch),
+        "HOME": str(scratch),
+        "MPLCONFIGDIR": str(scratch),
+        "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+        "NUMBA_NUM_THREADS": "1",
+    }
     try:
         done = subprocess.run(
             [sys.executable, "-m", "bayes_iwan.withheld.answering"],

@@ -160,13 +160,27 @@ def held_out_table(held_out: Sequence[HeldOutFrequency]) -> Table:
 
 
 _GREEK = {
-    "α": "alpha", "β": "beta", "ε": "varepsilon", "η": "eta", "λ": "lambda", "μ": "mu", "σ": "sigma", "φ": "phi",
-    "χ": "chi", "ℓ": "ell", "∝": "propto", "≥": "geq",
-}  # fmt: skip
+    "α": "alpha",
+    "β": "beta",
+    "ε": "varepsilon",
+    "η": "eta",
+    "λ": "lambda",
+    "μ": "mu",
+    "σ": "sigma",
+    "φ": "phi",
+    "χ": "chi",
+    "ℓ": "ell",
+    "∝": "propto",
+    "≥": "geq",
+}
 _TEX_SYMBOL: Mapping[str, str] = {
-    "kp": "k_p", "F₀": "F_0", "E[φ]": r"\mathrm{E}[\phi]", "φmax": r"\phi_{\max}",
-    "k̃ₙβℓ^β": r"\tilde k_n\beta\ell^\beta", "λk̃ₙℓ^βv": r"\lambda\tilde k_n\ell^\beta v",
-}  # fmt: skip
+    "kp": "k_p",
+    "F₀": "F_0",
+    "E[φ]": r"\mathrm{E}[\phi]",
+    "φmax": r"\phi_{\max}",
+    "k̃ₙβℓ^β": r"\tilde k_n\beta\ell^\beta",
+    "λk̃ₙℓ^βv": r"\lambda\tilde k_n\ell^\beta v",
+}
 
 
 def _tex_symbol(symbol: str) -> str:
