@@ -85,6 +85,11 @@ def weighed(search: Search, seed: int) -> Weighed:
     models, whole = Models(search, seed), frozenset(search.chosen)
     models.find(three_sets(whole))
     held_out = held_out_gaps([search.fits[k] for k in compared_sets(search)], search.data) if whole else ()
-    figures = figures_of(search, models.sizes, models.nearest[whole], held_out)
+    return assessed(search, models, held_out)
+
+
+def assessed(search: Search, models: Models, held_out: tuple[HeldOut, ...]) -> Weighed:
+    """The same from fits that are there."""
+    figures = figures_of(search, models.sizes, models.nearest[frozenset(search.chosen)], held_out)
     line = float(np.max(search.data.subharmonic, initial=0.0))
     return Weighed(search, figures, models, held_out, set_probabilities(search.scores, search.data.tests), line)
