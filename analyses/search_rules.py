@@ -42,6 +42,11 @@ def once_without(found: FittedSets, fit: Fit, name: str) -> Fit:
     return known if known is not None else _without(found, fit, name)
 
 
+def one_quick_gap(found: FittedSets, fit: Fit) -> tuple[float, float]:
+    found.scores([fit])
+    return found._gaps[fit.names, fit.log_evidence], 0.0
+
+
 def never_sound(found: FittedSets) -> bool:
     return False
 
@@ -69,7 +74,22 @@ RULES: dict[str, list[Patch]] = {
     "four are tried with each": [(model_search, "BRANCH", 2)],
     "two laws of an effect": [(candidates, "LAWS_MOST", 1)],
     "two starts of an effect": [(candidates, "EFFECT_STARTS", 1)],
+    "all that acts along a record that changes": [(model_search, "CHANGING", 2.0)],
+    "gaps of the search by draws of the noise": [(FittedSets, "gap_parts_N", one_quick_gap)],
 }
+#: rules that no table had measured, all of them left out at once
+UNMEASURED = (
+    "base fitted again",
+    "a second round of exchanging",
+    "a smaller set fitted again from each larger one",
+    "a sound gap ends the search",
+    "two of each size grow",
+    "two laws of an effect",
+    "two starts of an effect",
+    "all that acts along a record that changes",
+    "gaps of the search by draws of the noise",
+)
+RULES["all unmeasured"] = [x for rule in UNMEASURED for x in RULES[rule]]
 
 
 def sample(paths: list[Path], seed: int) -> list[str]:

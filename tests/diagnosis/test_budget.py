@@ -1,6 +1,5 @@
 """The budget's arithmetic against closed forms, the rules that refuse a name, and the calibration's promises."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from bayes_iwan.diagnosis.assessment.calibration import (
     Calibration,
     any_of,
     calibration,
-    from_json,
     set_probabilities,
 )
 from bayes_iwan.diagnosis.assessment.indicators import Figures
@@ -285,7 +283,7 @@ def test_a_larger_rest_is_likelier_to_have_a_cause():
 def test_saved_constants_are_read_back(tmp_path):
     c = Calibration(1.5, -2.0, 8.0, (0.001, 0.5))
     c.save(tmp_path / "constants.json")
-    assert from_json(json.loads((tmp_path / "constants.json").read_text())) == c
+    assert calibration(tmp_path / "constants.json") == c
 
 
 def test_titles_are_running_text():

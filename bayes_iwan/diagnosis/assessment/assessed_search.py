@@ -67,7 +67,6 @@ class Weighed:
     figures : of every effect of that set
     models : fits and gaps of it and of what it is compared with
     held_out : what the compared sets miss on held-out tests; sets : probability of every fitted set
-    subharmonic : the largest power of a line at half a test's frequency over its background
     """
 
     search: Search
@@ -75,7 +74,6 @@ class Weighed:
     models: Models
     held_out: tuple[HeldOut, ...]
     sets: SetProbabilities
-    subharmonic: float
 
     __repr__ = brief
 
@@ -91,5 +89,4 @@ def weighed(search: Search, seed: int) -> Weighed:
 def assessed(search: Search, models: Models, held_out: tuple[HeldOut, ...]) -> Weighed:
     """The same from fits that are there."""
     figures = figures_of(search, models.sizes, models.nearest[frozenset(search.chosen)], held_out)
-    line = float(np.max(search.data.subharmonic, initial=0.0))
-    return Weighed(search, figures, models, held_out, set_probabilities(search.scores, search.data.tests), line)
+    return Weighed(search, figures, models, held_out, set_probabilities(search.scores, search.data.tests))

@@ -113,7 +113,7 @@ def figures_of(
                 },
                 fitted=float(fitted),
                 alone=1.0 - sizes[frozenset({name})].all.rms_N / before,
-                held_out=_mean([chosen_share(u.power_N2, x, has) for u, x in zip(held_out, ranked)])
+                held_out=float(np.mean([chosen_share(u.power_N2, x, has) for u, x in zip(held_out, ranked)]))
                 if predicts
                 else float("nan"),
                 moved=moved[name],
@@ -159,11 +159,6 @@ def chosen_share(power_N2: Mapping[Names, Array], scores: Mapping[Names, Array],
         other = max(without, key=lambda k: scores[k][t])
         out.append(share_by_test(power_N2[other], power_N2[top])[t] if has(top) else 0.0)
     return float(np.mean(out))
-
-
-def _mean(values: Sequence[float]) -> float:
-    finite = [x for x in values if np.isfinite(x)]
-    return float(np.mean(finite)) if finite else float("nan")
 
 
 def implausible(effect: Effect, fit: Fit, data: GapData) -> str:
