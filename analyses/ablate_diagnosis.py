@@ -26,7 +26,7 @@ import numpy as np
 
 import calibrate_diagnosis as calibrate
 from bayes_iwan.diagnosis.assessment import assessed_search, budget, calibration, indicators, verdict
-from bayes_iwan.diagnosis.assessment.indicators import Figures, compared_sets, figures_of
+from bayes_iwan.diagnosis.assessment.indicators import Figures, figures_of
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.gap_size import GapSize
 from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, share_by_test
@@ -85,34 +85,17 @@ def of_whole_gap(f: Figures, search: Search, sizes: Sizes, held_out: Sequence[He
     return replace(f, fitted=(gap_N[names - {f.name}] - gap_N[names]) / gap_N[Names()])
 
 
-def of_fewer_sets(search: Search, sizes: Sizes, fit: Fit, held_out: Sequence[HeldOut]) -> tuple[Figures, ...]:
-    """Figures of the sets that are compared without OTHER_SETS."""
-    kept = {*compared_sets(search)}
-    fewer = [
-        replace(
-            u,
-            power_N2={k: v for k, v in u.power_N2.items() if k in kept},
-            trained={k: v for k, v in u.trained.items() if k in kept},
-        )
-        for u in held_out
-    ]
-    return figures_of(search, sizes, fit, fewer)
-
-
 def switched_off() -> dict[str, list[Patch]]:
     """What is patched for each rule."""
     out: dict[str, list[Patch]] = {
         "rule: places where one of several contributes": [(verdict, "one_of", lambda *given: ())],
-        "rule: nothing on held-out tests beside the named": [(verdict, "_idle", lambda x: False)],
         "rule: a specimen's usual form is not unexplained": [(verdict, "usual_form", lambda given: Names())],
         "rule: patterns without a cause make it unknown": [(verdict, "NO_CAUSE", Names())],
         "rule: what a record shows by itself": [(verdict, "SHOWN_BY_RECORD", Names())],
         "rule: share of what changes along the record": [changed_by(of_whole_gap)],
-        "rule: look-alikes in the best set are tied": [changed_by(lambda f, *given: replace(f, beside=()))],
         "rule: what could be in its place is tied": [changed_by(lambda f, *given: replace(f, alternatives={}))],
         "rule: plausible where it misses least in newtons": [changed_by(plausible_in_evidence)],
         "held out: sets that the other tests chose": [changed_by(of_best_set)],
-        "held out: other sets": [(indicators, "OTHER_SETS", 0), (assessed_search, "figures_of", of_fewer_sets)],
     }
     for title, where, name, reason in (
         ("one record names nothing", verdict, "refused", "one record"),
@@ -137,7 +120,6 @@ def switched_off() -> dict[str, list[Patch]]:
         (budget, "LEAST_OF_FRICTION", (1e-12,)),
         (budget, "LEAST_MODEL_FORM", (0.02,)),
         (verdict, "LEAST_GAP", (0.0,)),
-        (verdict, "LEAST_ALONG", (0.0,)),
         (indicators, "LARGEST_SCORE", (3.0, 6.0)),
     ):
         for value in values:

@@ -15,7 +15,6 @@ from bayes_iwan.diagnosis.assessment.calibration import (
 )
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.assessment.verdict import (
-    candidates_of,
     contributing,
     named_by,
     one_of,
@@ -210,25 +209,6 @@ def test_a_form_of_the_base_and_effects_that_cannot_be_told_from_it_are_said_tog
     form = {"slip_forces_free": 0.0, "stiffness_law_free": 0.0}
     assert one_of([replace(place, alternatives=form)], (), {frozenset({n}): 0.5 for n in form}, c) == ()
     assert one_of([place], ("slip_forces_free",), sets, c) == ()
-
-
-def test_of_two_that_look_alike_and_share_a_cause_one_is_said_to_contribute():
-    """Each removes next to nothing as the last one, since the other takes its part over."""
-    names, sets, c = (
-        ("moving_mass", "maxwell_branch"),
-        {frozenset({"moving_mass", "maxwell_branch"}): 1.0},
-        calibration(),
-    )
-    both = [
-        replace(SURE, name=n, alternatives={n: 0.0}, fitted=0.01, alone=0.3, beside=tuple({*names} - {n}))
-        for n in names
-    ]
-    assert named_by(both, sets) == ()
-    (said,) = one_of(both, (), sets, c)
-    assert set(said.names) == set(names) and said.share == 0.3
-    assert one_of([replace(f, alone=0.01) for f in both], (), sets, c) == ()
-    assert one_of([replace(f, beside=()) for f in both], (), sets, c) == ()
-    assert candidates_of(both[0], c) == names and one_of(both, names[:1], sets, c) == ()  # a tie of what is named
 
 
 def test_what_nothing_of_the_catalogue_fills_is_not_said_to_be_one_of_it():

@@ -179,7 +179,7 @@ def test_a_study_says_what_ships(study, kept, effect, kind, monkeypatch):
     found = cases_of.counts(case, a)
     assert found["false names, all cases"] == (False, 1)
     assert found["singles named" if effect else "alarms, sound"] == (bool(effect), 1)
-    monkeypatch.setattr(verdict, "_idle", lambda x: True)
+    monkeypatch.setattr(verdict, "NAMED", 1.0)
     assert cases_of.answer(case, c).named == frozenset()  # whatever the package would not name
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from bayes_iwan.arrays import brief
 from bayes_iwan.diagnosis.assessment.calibration import SetProbabilities, set_probabilities
-from bayes_iwan.diagnosis.assessment.indicators import Figures, compared_sets, figures_of, three_sets
+from bayes_iwan.diagnosis.assessment.indicators import Figures, figures_of, three_sets
 from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_size
 from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, held_out_gaps
@@ -82,7 +82,8 @@ def weighed(search: Search, seed: int) -> Weighed:
     """Figures of the effects of the best set, fits and gaps behind them."""
     models, whole = Models(search, seed), frozenset(search.chosen)
     models.find(three_sets(whole))
-    held_out = held_out_gaps([search.fits[k] for k in compared_sets(search)], search.data) if whole else ()
+    compared = [search.fits[k] for k in dict.fromkeys(three_sets(whole)) if k in search.fits]
+    held_out = held_out_gaps(compared, search.data) if whole else ()
     return assessed(search, models, held_out)
 
 
