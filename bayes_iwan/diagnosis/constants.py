@@ -39,7 +39,8 @@ USUAL_GAP: Final = 0.004
 SINGLE_MOST: Final = 7
 #: nats that one Gauss–Newton step must promise for an effect to be refitted
 PROMISE: Final = 6.0
-#: effects that a set is tried with
+#: sets of each size that grow, and effects that each is tried with
+BEAM: Final = 2
 BRANCH: Final = 4
 #: effects in a set, at most; model-form effects are not counted
 MOST_EFFECTS: Final = 4

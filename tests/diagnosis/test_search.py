@@ -340,7 +340,7 @@ def test_terms_that_are_not_needed_are_not_taken_in(kit):
     assert found.chosen == ()
 
 
-def test_a_set_that_only_scores_together_is_found(kit, monkeypatch):
+def test_a_set_that_only_scores_together_is_found_from_either_effect(kit, monkeypatch):
     """Evidence by hand: neither of two effects helps alone, both together do."""
     data = kit.diagnosed("viscous_damping", "held out").search.data
     kinds = {n: catalogue.variants()[n] for n in ("viscous_damping", "moving_mass", "cubic_stiffness")}

@@ -94,10 +94,10 @@ class FittedSets:
             for f, gap_N in zip(fits, self.gaps_N(fits))
         ]
 
-    def best(self, some: Iterable[frozenset[str]]) -> Fit:
-        """The fit of the best score among some sets."""
+    def ranked(self, some: Iterable[frozenset[str]]) -> list[Fit]:
+        """The fits of some sets, that of the best score first."""
         fits = [self.fits[k] for k in some]
-        return fits[int(np.argmax(self.scores(fits)))]
+        return [fits[i] for i in np.argsort(-np.array(self.scores(fits)))]
 
     def sets(self, size: int) -> list[frozenset[str]]:
         """The fitted sets of a size that have nothing of LAST."""

@@ -1,7 +1,8 @@
 """Which set of effects, together with the base model, explains the data best.
 
 One score says it (:func:`.found.score`), for taking in, exchanging, dropping and ranking alike. Sets grow effect by
-effect; then each effect of the best set is dropped and exchanged if that scores more.
+effect, several of each size side by side, so that two effects that only help together are found from either of them;
+then each effect of the best set is dropped and exchanged if that scores more.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,7 +10,7 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from bayes_iwan.diagnosis.constants import BRANCH, MOST_EFFECTS, PROMISE, SINGLE_MOST
+from bayes_iwan.diagnosis.constants import BEAM, BRANCH, MOST_EFFECTS, PROMISE, SINGLE_MOST
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.search.base_fit import has_gap
@@ -35,13 +36,13 @@ def promising(offered: Sequence[Candidate], most: int) -> list[Candidate]:
 
 
 def grow(found: FittedSets, most: int) -> Fit:
-    """Fit larger and larger sets: the best of each size with the effects that promise most there. The best of all."""
-    best = found.best([frozenset(), *found.sets(1)])
+    """Fit larger and larger sets: the best few of each size, each with the effects that promise most there. The best
+    of all."""
+    best = found.ranked([frozenset(), *found.sets(1)])[0]
     for size in range(1, most):
-        if same := found.sets(size):
-            fit = found.best(same)
+        for fit in found.ranked(found.sets(size))[:BEAM]:
             found.add(promising(found.offered(fit), BRANCH), fit)
-        larger = found.best([best.names, *found.sets(size + 1)])
+        larger = found.ranked([best.names, *found.sets(size + 1)])[0]
         if larger.names == best.names:
             break
         best = larger
@@ -53,7 +54,7 @@ def add_model_form(found: FittedSets, current: Fit) -> Fit:
     while True:
         found.add(promising(found.offered(current, last=True), BRANCH), current)
         more = [k for k in found.fits if current.names < k and len(k) == len(current.names) + 1]
-        larger = found.best([current.names, *(k for k in more if k - current.names <= LAST)])
+        larger = found.ranked([current.names, *(k for k in more if k - current.names <= LAST)])[0]
         if larger.names == current.names:
             return current
         current = larger
@@ -69,7 +70,7 @@ def settle(found: FittedSets, current: Fit) -> Fit:
         others = promising([x for x in offered if x not in alike], BRANCH)
         found.add([x for x in (*alike, *others) if less.names | {x.name} not in found.fits], less, current)
         exchanged = [k for k in found.fits if less.names < k and len(k) == len(current.names)]
-        current = found.best([less.names, *exchanged])
+        current = found.ranked([less.names, *exchanged])[0]
     return current
 
 
@@ -93,7 +94,7 @@ def search(
         return Search(data, scales, settings, found.fits, (), {frozenset(): 0.0}, found.effects, found.failed)
     fit_singles(found)
     settle(found, add_model_form(found, grow(found, most)))
-    current = found.best(found.fits)
+    current = found.ranked(found.fits)[0]
     for name in current.names:  # what is assessed beside it
         found.without(current, name)
     scores = dict(zip(found.fits, found.scores(list(found.fits.values()))))
