@@ -13,12 +13,14 @@ from itertools import combinations
 import numpy as np
 
 from bayes_iwan.arrays import Array, brief
-from bayes_iwan.diagnosis.assessment.indicators import NINETY, Figures
+from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.constants import LEAST_MODEL_FORM, LEAST_OF_FRICTION, LEAST_SHARE
 from bayes_iwan.diagnosis.fits.gap_size import Gap, GapSize, shrink
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.effects.catalogue import UNLISTED
 
+#: half width of a 90 % interval in standard deviations
+NINETY = 1.645
 #: names of patterns that stand for no cause: what they remove belongs to the unexplained part
 NO_CAUSE = frozenset(e.name for e in UNLISTED)
 

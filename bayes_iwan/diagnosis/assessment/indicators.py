@@ -23,9 +23,6 @@ from bayes_iwan.effects.base import Effect
 
 Names = frozenset[str]
 
-#: half width of a 90 % interval in standard deviations
-NINETY = 1.645
-
 
 @dataclass(frozen=True)
 class Figures:
@@ -156,18 +153,18 @@ def implausible(effect: Effect, fit: Fit, data: GapData) -> str:
     """Why the fitted numbers of an effect are not plausible, "" where they are.
 
     A time constant must lie where the tested periods can tell it (how long a change along the record takes is not
-    meant), and an effect of time in a channel needs frequencies that differ; the 90 % interval of every number must
-    reach what its prior holds possible.
+    meant), and an effect of time in a channel needs frequencies that differ; every number must be within what its prior
+    holds possible.
     """
-    values, half = fit.problem.prior.values(fit.z[None]), NINETY * np.sqrt(np.diag(fit.covariance))
+    values = fit.problem.prior.values(fit.z[None])
     hz = np.array([x.frequency_hz for x in data.loops])
     for p in effect.parameters:
         if p.name not in fit.problem.names:
             continue
-        at = fit.problem.names.index(p.name)
+        z = float(fit.z[fit.problem.names.index(p.name)])
         short = p.name.split(".", 1)[1]
         value = float(values[p.name][0])
-        if p.name != effect.strength_name and abs(fit.z[at]) - half[at] > LARGEST_SCORE:
+        if p.name != effect.strength_name and abs(z) > LARGEST_SCORE:
             return f"{short} of {value:.3g} {p.unit} is beyond what is possible"
         if p.unit == "s" and (p.name == effect.strength_name or not effect.evolving):
             period_s = 1.0 / hz.min()
