@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.answer.result import Moved
 from bayes_iwan.diagnosis.answer.wording import title
-from bayes_iwan.diagnosis.assessment.budget import NAMED, GapBudget, OneOf
+from bayes_iwan.diagnosis.assessment.budget import GapBudget, OneOf
+from bayes_iwan.diagnosis.constants import NAMED
 from bayes_iwan.report.diagnosis.gap_figures import panel_a_test
 from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, blank, narrow, styled, subplots
 
