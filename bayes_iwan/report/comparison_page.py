@@ -47,7 +47,7 @@ def ranking_figure(comparison: Comparison) -> Figure:
     left.set_xlabel("difference of expected log\npredictive density ± SE")
     right.barh(at, [100.0 * r.residual_share for r in rows], color=ORANGE, height=0.55)
     for i, r in enumerate(rows):
-        right.text(100.0 * r.residual_share, i, f" {100.0 * r.residual_share:.2g} %", va="center", fontsize=7.5)
+        right.text(100.0 * r.residual_share, i, f" {100.0 * r.residual_share:.2g} %", va="center", size="small")
     right.set_xlim(0.0, 1.25 * max(100.0 * r.residual_share for r in rows))
     right.set_xlabel("RMS residual /\nRMS friction force (%)")
     right.grid(axis="y", visible=False)

@@ -70,7 +70,7 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
             at, side, shift, colour = left, "right", -3, "black"
         else:
             at, side, shift, colour = end, "left", 3, "black"
-        ax.annotate(text, (at, k), xytext=(shift, 0), textcoords="offset points", va="center", ha=side, fontsize=7.5,
+        ax.annotate(text, (at, k), xytext=(shift, 0), textcoords="offset points", va="center", ha=side, size="small",
                     color=colour)  # fmt: skip
     falls = 1 + len(budget.causes)
     for k, (_, left, _, _, _) in zip(y[1:falls], rows[1:falls]):
@@ -117,14 +117,12 @@ def headline_figure(
     low, high = right[0].get_ylim()
     if len(shown) == 1:
         right[0].set_ylim(low, high + 0.5 * (high - low))
-        right[0].legend(loc="upper left", fontsize=7)
+        right[0].legend(loc="upper left")
         right[0].set_ylabel("measured − model (N)")
     else:
         for above in right[:-1]:
             above.tick_params(labelbottom=False)
-        figure.legend(
-            *right[0].get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=2 if small else 3
-        )
+        figure.legend(*right[0].get_legend_handles_labels(), loc="outside lower right", ncols=2 if small else 3)
         right[-1].set_ylabel("measured − model (N)", y=1.1)
     return figure
 
@@ -162,7 +160,7 @@ def shares_figure(budget: GapBudget) -> Figure:
     ax.set_ylim(-0.7, len(causes) - 0.4)
     ax.set_xlim(min(-0.05, 1.05 * least), 1.03)
     ax.set_xlabel("share of the gap that it removes, with 90 % intervals")
-    figure.legend(loc="outside upper center", ncols=2, fontsize=7.5)
+    figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 
@@ -186,7 +184,7 @@ def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str
             xytext=(3, 0),
             textcoords="offset points",
             va="center",
-            fontsize=7.5,
+            size="small",
         )
     ax.set_yticks(y, [_words(name) for name, _ in keep])
     ax.set_xlim(0.0, 1.08)
@@ -205,8 +203,8 @@ def before_after_figure(shown: Sequence[CycleResidual], causes: str) -> Figure:
         _cycle_residual(ax, one, causes)
         ax.set_title(one.name, loc="left")
         ax.locator_params(axis="y", nbins=4)
-    figure.supxlabel("phase of the cycle (0: upward through the middle)", fontsize=9)
-    figure.supylabel("measured − model (N)", fontsize=9)
+    figure.supxlabel("phase of the cycle (0: upward through the middle)")
+    figure.supylabel("measured − model (N)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2 if narrow() else 3)
     return figure
 

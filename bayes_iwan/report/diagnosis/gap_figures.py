@@ -93,10 +93,10 @@ def gap_loops_figure(p: GapPictures) -> Figure:
         )
         ax.add_collection(lines)
         digits = 1 if shares[t] < 0.1 else 0
-        ax.set_title(f"{names[t]}: {100 * shares[t]:.{digits}f} %", loc="left", fontsize=7.5 if narrow() else None)
+        ax.set_title(f"{names[t]}: {100 * shares[t]:.{digits}f} %", loc="left", size="small" if narrow() else None)
         ax.locator_params(nbins=3 if narrow() else 4)
-    figure.supxlabel("displacement (mm)", fontsize=9)
-    figure.supylabel("measured force (N)", fontsize=9)
+    figure.supxlabel("displacement (mm)")
+    figure.supylabel("measured force (N)")
     bar = figure.colorbar(
         ScalarMappable(norm, colours), ax=axes, shrink=0.8, pad=0.02, location="bottom" if narrow() else "right"
     )
@@ -188,7 +188,7 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
             labels,
             loc="outside upper center" if small else "outside right upper",
             ncols=2 if small else 1,
-            fontsize=7,
+            size="small",
         )
     return figure
 
@@ -228,7 +228,7 @@ def gap_growth_figure(p: GapPictures) -> Figure:
         ax.set_xticks(ticks, [f"{v:g}" for v in ticks])
         ax.minorticks_off()
         ax.set_xlabel(label)
-        ax.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)  # above: points are anywhere
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)  # above: points are anywhere
     decimal_ticks(axes[0, 0].yaxis, *axes[0, 0].get_ylim())
     ticked(list(axes[0]))
     axes[0, 0].set_ylabel("gap (N RMS)")
@@ -265,7 +265,7 @@ def gap_cycles_figure(p: GapPictures) -> Figure:
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("cycle number (mean of each block of cycles)")
     ax.set_ylabel("gap (N RMS)")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 
@@ -281,7 +281,7 @@ def gap_regions_figure(regions: Sequence[Statistic]) -> Figure:
         color, share = BLUE if x.significant else PRIOR, f"{100 * x.share:.0f} %"
         ax.plot([x.low_N, x.high_N], [k, k], color=color, linewidth=2.2)
         ax.plot(x.gap_N, k, "o", color=color, markerfacecolor=BLUE if x.significant else "white")
-        ax.annotate(share, (1.01, k), xycoords=("axes fraction", "data"), va="center", fontsize=7.5)
+        ax.annotate(share, (1.01, k), xycoords=("axes fraction", "data"), va="center", size="small")
     ax.axvline(whole, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
     ax.set_yticks(y, [x.name for x in regions])
     ax.set_xlim(left=0.0)

@@ -102,8 +102,8 @@ def _labels(figure: Figure, axes: Sequence[Axes], x: str, y: str) -> None:
             ax.set_xlabel(x)
             ax.set_ylabel(y)
     else:
-        figure.supxlabel(x, fontsize=9)
-        figure.supylabel(y, fontsize=9)
+        figure.supxlabel(x)
+        figure.supylabel(y)
 
 
 def _key(figure: Figure, axes: Sequence[Axes], entries: Sequence[tuple[str, dict[str, Any]]]) -> None:
@@ -113,7 +113,7 @@ def _key(figure: Figure, axes: Sequence[Axes], entries: Sequence[tuple[str, dict
     ]
     most = 5 if figure.get_figwidth() > 6.5 else 3 if figure.get_figwidth() > 4.5 else 2
     if into_given_axes():
-        axes[0].legend(handles=handles, loc="best", fontsize=7)
+        axes[0].legend(handles=handles, loc="best")
         return
     figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), most))
 
@@ -205,7 +205,7 @@ def paper_fig3(posterior: Posterior, test: int | None = None, predictive: Predic
         ax.set_title(f"{letter}. " + ("force without its linear portion" if friction else "total force"), loc="left")
         ax.set_xlabel("displacement u (mm)")
         ax.set_ylabel("friction force (N)" if friction else "force (N)")
-    figure.suptitle(test_name(p.loops[t]), fontsize=9.5)
+    figure.suptitle(test_name(p.loops[t]))
     return figure
 
 
