@@ -11,7 +11,7 @@ TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")
     "export",
     "the identified device as files that run elsewhere: C, FMU, OpenSees, MuJoCo, Drake, JSON",
     argument("folder", metavar="RUN", help="folder that identify or diagnose wrote"),
-    argument("--to", metavar="TARGET", required=True, help=", ".join(TARGETS)),
+    argument("--to", metavar="TARGET", required=True, choices=TARGETS, help=", ".join(TARGETS)),
     OUT,
     argument("--draws", metavar="N", type=int, default=20, help="draws beside the point estimate (default: 20)"),
     argument("--campaign", metavar="DIR", help="the campaign's folder: for a diagnosis, or where it has moved"),
