@@ -188,7 +188,6 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
             labels,
             loc="outside upper center" if small else "outside right upper",
             ncols=2 if small else 1,
-            size="small",
         )
     return figure
 
