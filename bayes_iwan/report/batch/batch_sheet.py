@@ -99,9 +99,9 @@ def _table(ax: Axes, batch: Batch) -> int:
         edges="horizontal",
     )
     table.auto_set_font_size(False)
-    table.set_fontsize("small")
     for cell in table.get_celld().values():
         cell.set_height(ROW / 0.1)
+        cell.get_text().set_fontsize("small")
     return len(rows)
 
 
