@@ -104,7 +104,8 @@ def _recipe(args: argparse.Namespace) -> Recipe:
             raise CampaignError(f"--{option}: {text!r} is not a number") from None
 
     def rate(text: str) -> float | str:
-        return text.lower() if text.lower() == NO_CLOCK else number("sample-rate", text)
+        text = text.lower().removesuffix("hz").strip()
+        return text if text == NO_CLOCK else number("sample-rate", text)
 
     roles = ("time", "displacement", "acceleration", "force")
     recipe = Recipe(
@@ -137,7 +138,9 @@ def _answer(args: argparse.Namespace, asks: ImportAsks) -> None:
     from bayes_iwan.campaign import CampaignError
 
     say(asks.where)
-    for question in asks.questions:
+    questions = list(asks.questions)
+    while questions:
+        question = questions[0]
         name = question.option.removeprefix("--").replace("-", "_")
         option = f"{question.option} {question.role}".strip()
         try:
@@ -153,6 +156,11 @@ def _answer(args: argparse.Namespace, asks: ImportAsks) -> None:
             setattr(args, name, [*getattr(args, name), f"{question.role}={answer}"])
         else:
             setattr(args, name, answer)
+        try:
+            _recipe(args)
+            del questions[0]
+        except CampaignError as error:  # asked again: the answers before it stand
+            say(str(error))
 
 
 @command(

@@ -206,7 +206,8 @@ def determined_names(joint: Posterior) -> tuple[str, ...]:
     problem = joint.problem
     noise = {p.name for p in problem.likelihood.parameters}
     variance = dict(zip(problem.names, np.var(joint.flat_z(4000), axis=0)))
-    shapes = ("eta", "share_", "slip_ratio")
+    # numbers of the slip forces' density trade off against each other; its mean and quantiles stand for them
+    shapes = ("eta", "share_", "slip_")
     chosen = [
         p.name
         for p in problem.prior.free

@@ -39,7 +39,7 @@ def ranking_figure(comparison: Comparison) -> Figure:
     shares = [100.0 * r.residual_share for r in rows]
     right.barh(at, shares, color=ORANGE, height=0.55)
     for i, share in enumerate(shares):
-        right.text(share, i, f" {share:.2g} %", va="center", fontsize=7.5)
+        right.text(share, i, f" {share:.2g} %", va="center", size="small")
     right.set(xlim=(0.0, 1.25 * max(shares)), xlabel="RMS residual /\nRMS friction force (%)")
     right.grid(axis="y", visible=False)
     return figure

@@ -43,12 +43,13 @@ _MARKERS = "osD^vPX"
 RC: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],
-    "font.size": 8.5,
-    "axes.titlesize": 9,
-    "axes.labelsize": 8.5,
-    "legend.fontsize": 8,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
+    "font.size": 9,
+    "axes.titlesize": "medium",
+    "figure.labelsize": "medium",
+    "figure.titlesize": "medium",
+    "legend.fontsize": "small",
+    "xtick.labelsize": "small",
+    "ytick.labelsize": "small",
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.linewidth": 0.7,
@@ -123,13 +124,9 @@ _WISH: ContextVar[_Wish] = ContextVar("wish", default=_NOTHING)
 
 
 def unset_rc() -> Any:
-    """This module's settings where the user's rcParams are still matplotlib's own; what a user has set stands, and a
-    size of letters that is set is the measure of those of titles, labels and legends."""
-    default = mpl.rcParamsDefault
-    own = {key: value for key, value in RC.items() if mpl.rcParams[key] == default[key]}
-    grown = 1.0 if "font.size" in own else mpl.rcParams["font.size"] / RC["font.size"]
-    letters = {key: own[key] * grown for key in own if key.endswith(("titlesize", "labelsize", "fontsize"))}
-    return own | letters
+    """This module's settings where the user's rcParams are still matplotlib's own; what a user has set stands. All
+    letters are so many times `font.size`, which so scales them."""
+    return {key: value for key, value in RC.items() if mpl.rcParams[key] == mpl.rcParamsDefault[key]}
 
 
 def styled(make: F) -> F:
@@ -341,7 +338,7 @@ def numbered_cells(
     for i, row in enumerate(texts):
         for j, text in enumerate(row):
             weight = "bold" if bold is not None and bold[i, j] else "normal"
-            axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=7.5, weight=weight)
+            axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", size="small", weight=weight)
     axes.set_xticks(np.arange(m) + 0.5, columns)
     axes.set_yticks(np.arange(n) + 0.5, rows)
     axes.set_ylim(n, 0)

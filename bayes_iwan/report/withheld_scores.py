@@ -11,12 +11,13 @@ from matplotlib.patches import Rectangle
 
 from bayes_iwan.diagnosis.answer.saved_fits import find_shares
 from bayes_iwan.files import write_json, write_whole
-from bayes_iwan.report.style import BLUE, ORANGE, PRIOR, numbered_cells, save
+from bayes_iwan.report.style import BLUE, ORANGE, PRIOR, numbered_cells, save, styled
 from bayes_iwan.withheld.estimates import Estimate, binned
 from bayes_iwan.withheld.metrics import SHARE_POINTS, confusion, reliability
 from bayes_iwan.withheld.scoring import Score, score
 
 
+@styled
 def confusion_figure(score: Score) -> Figure:
     """Truth (rows) against what was named (columns), cases of at most one cause; right answers on outlined squares."""
     rows, columns, counts = confusion(score.cases)
@@ -32,9 +33,8 @@ def confusion_figure(score: Score) -> Figure:
     for i, j in np.argwhere(right):
         ax.add_patch(Rectangle((j, i), 1, 1, fill=False, edgecolor=ORANGE, linewidth=1.2))
     ax.set_xticks(ax.get_xticks(), [c.replace("_", " ") for c in columns], rotation=60, ha="right")
-    ax.set_title("Cases of at most one cause; outlined: right", fontsize=10)
+    ax.set_title("Cases of at most one cause; outlined: right")
     ax.set(xlabel="verdict", ylabel="truth (cases)")
-    ax.tick_params(labelsize=8)
     return fig
 
 
@@ -48,10 +48,11 @@ def _shares(
     ax.errorbar(x, value, [value - low, high - value], fmt="o", color=colour, capsize=3, ms=5, label=label)
     for at, end, (_, found) in zip(x, high, points if counts else ()):
         ax.annotate(
-            f"{found.n}", (at, end), textcoords="offset points", xytext=(0, 3), ha="center", fontsize=7, color=colour
+            f"{found.n}", (at, end), textcoords="offset points", xytext=(0, 3), ha="center", size="small", color=colour
         )
 
 
+@styled
 def reliability_figure(score: Score) -> Figure:
     """Probability stated of each cause named against how often it was there, and how often each was stated."""
     fig = Figure(figsize=(5, 5.4), layout="constrained")
@@ -59,13 +60,14 @@ def reliability_figure(score: Score) -> Figure:
     top.plot([0, 1], [0, 1], color=PRIOR, lw=1, label="stated = found")
     _shares(top, reliability(score.cases), "share true, 95 % interval, causes named", BLUE)
     top.set(ylim=(0, 1.08), ylabel="share of named causes that are there")
-    top.legend(loc="upper left", fontsize=8, frameon=False)
+    top.legend(loc="upper left")
     stated = [m.stated for c in score.cases if c.answered for m in c.stated]
     bottom.hist(stated, bins=np.linspace(0, 1, 21).tolist(), color=BLUE)
     bottom.set(xlabel="stated probability that a cause contributes", ylabel="causes", xlim=(0, 1))
     return fig
 
 
+@styled
 def accuracy_figure(score: Score) -> Figure:
     """Share of effects found against the visible part of their size over the noise: alone, and among others."""
     fig = Figure(figsize=(8.4, 4), layout="constrained")
@@ -75,7 +77,7 @@ def accuracy_figure(score: Score) -> Figure:
     )
     for ax, (title, all_parts) in zip(fig.subplots(1, 2, sharey=True), panels):
         parts = [(c, k) for c, k in all_parts if c.truth.noise > 0 and k.visible > 0]
-        ax.set_title(f"{title} ({len(parts)})", fontsize=10)
+        ax.set_title(f"{title} ({len(parts)})")
         ax.set(xlabel="visible part of the size over noise", ylim=(0, 1.1))
         if not parts:
             continue
@@ -87,11 +89,12 @@ def accuracy_figure(score: Score) -> Figure:
         _shares(ax, binned(values, in_set, edges), "named or in a set", ORANGE, 1.025, False)
         ax.set_xscale("log")
         ax.axvline(1.0, color=PRIOR, ls="--", lw=1)
-        ax.legend(fontsize=8, frameon=False, loc="lower right")
+        ax.legend(loc="lower right")
     fig.axes[0].set_ylabel("share found")
     return fig
 
 
+@styled
 def share_figure(score: Score) -> Figure:
     """Share of the gap that each true cause was said to make, with its interval, against the share it makes."""
     parts = [(c, named, true) for c in score.cases for named, true in c.shares]
@@ -109,7 +112,7 @@ def share_figure(score: Score) -> Figure:
             label=f"{label} ({len(some)})",
         )  # fmt: skip
     ax.set(xlabel="true share of the gap, %", ylabel="stated share with its 90 % interval, %")
-    ax.legend(fontsize=8, frameon=False)
+    ax.legend()
     return fig
 
 

@@ -137,12 +137,14 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path, capsys, monkeypatch):
     assert cli.main(["import", file, "--dry-run"]) == 2
     command = capsys.readouterr().err.strip().partition("Run: ")[2]
     assert command.startswith(f'bayes-iwan import "{file}" --dry-run ') and "'" not in command
-    answers = {"force": "ai1", "displacement": "ai0", "force=": "N", "displacement=": "mm", "rate": "500"}
+    answers = {"force": "ai1", "displacement": "ai0", "force=": "N", "displacement=": "mm", "rate": "500 Hz"}
     replies = [answers[{"--sample-rate": "rate"}.get(q.option, q.option[2:] if not q.role else q.role + "=")]
                for q in caught.value.questions]  # fmt: skip
+    replies.insert(replies.index("500 Hz"), "fast")  # is said, and asked again
     monkeypatch.setattr("builtins.input", lambda prompt: replies.pop(0))
     assert cli.main(["import", file, "--dry-run", "--ask"]) == 0
-    assert "found: 2 Hz" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "--sample-rate: 'fast' is not a number" in out and "found: 2 Hz" in out
     assert cli.main(["import", file, "--dry-run"]) == 2, "what was answered once is no answer for the next command"
 
 

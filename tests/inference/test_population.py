@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bayes_iwan.comparison.frequencies import determined_names
 from bayes_iwan.comparison.shrinkage import shrunk
 from bayes_iwan.comparison.unusual import rank_unusual
 from bayes_iwan.inference.results import population as module
@@ -90,6 +91,21 @@ def test_a_specimen_that_stands_out_is_named_and_others_are_not():
         first, *_ = rank_unusual({"k": population(specimens)})
         named += first.name == "odd" and first.notable == ("k",)
     assert named >= 36, named
+
+
+def test_the_mean_and_quantiles_of_the_slip_forces_are_compared_and_not_the_numbers_of_their_density():
+    """However narrow these are: they trade off against each other."""
+    names = "kp_N_mm mean_slip_force_N eta1 share_1 slip_ratio_21 slip_deviation1 slip_width open".split()
+    sd = np.array([*np.full(7, 0.05), 1.0])
+    quantiles = tuple(f"slip_force_q{x}_N" for x in (25, 50, 75))
+    free = [SimpleNamespace(name=x) for x in names]
+    problem = SimpleNamespace(likelihood=SimpleNamespace(parameters=()), names=names, prior=SimpleNamespace(free=free))
+    joint = SimpleNamespace(
+        problem=problem,
+        flat_z=lambda n: sd * np.random.default_rng(9).standard_normal((n, 8)),
+        quantities=lambda: dict.fromkeys(("slip_force_q05_N", *quantiles)),
+    )
+    assert determined_names(joint) == ("kp_N_mm", "mean_slip_force_N", *quantiles)
 
 
 def test_one_that_is_less_known_may_be_further_off():

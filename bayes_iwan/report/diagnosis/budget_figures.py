@@ -48,7 +48,7 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
             at, side, shift, colour = left, "right", -3, "black"
         else:
             at, side, shift, colour = end, "left", 3, "black"
-        ax.annotate(text, (at, k), xytext=(shift, 0), textcoords="offset points", va="center", ha=side, fontsize=7.5,
+        ax.annotate(text, (at, k), xytext=(shift, 0), textcoords="offset points", va="center", ha=side, size="small",
                     color=colour)  # fmt: skip
     falls = 1 + len(budget.causes)
     for k, (_, left, _, _, _) in zip(y[1:falls], rows[1:falls]):
@@ -95,13 +95,13 @@ def headline_figure(
     low, high = right[0].get_ylim()
     if len(shown) == 1:
         right[0].set_ylim(low, high + 0.5 * (high - low))
-        right[0].legend(loc="upper left", fontsize=7)
+        right[0].legend(loc="upper left")
         right[0].set_ylabel("measured − model (N)")
     else:
         for above in right[:-1]:
             above.tick_params(labelbottom=False)
         key = right[0].get_legend_handles_labels()
-        figure.legend(*key, loc="outside lower right", fontsize=7, ncols=2 if small else 3)
+        figure.legend(*key, loc="outside lower right", ncols=2 if small else 3)
         right[-1].set_ylabel("measured − model (N)", y=1.1)
     return figure
 
@@ -141,7 +141,7 @@ def shares_figure(budget: GapBudget) -> Figure:
         xlim=(min(-0.05, 1.05 * least), 1.03),
         xlabel="share of the gap that it removes, with 90 % intervals",
     )
-    figure.legend(loc="outside upper center", ncols=2, fontsize=7.5)
+    figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 
@@ -161,7 +161,7 @@ def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str
         colour = {"none": GREEN, "unknown": ORANGE, "drive": ORANGE}.get(name, BLUE if name in named else PRIOR)
         ax.barh(k, p, 0.68, color=colour, alpha=0.85, edgecolor="white")
         text = f"{p:.2f}" if p >= 0.005 else "< 0.01"
-        ax.annotate(text, (p, k), xytext=(3, 0), textcoords="offset points", va="center", fontsize=7.5)
+        ax.annotate(text, (p, k), xytext=(3, 0), textcoords="offset points", va="center", size="small")
     ax.set_yticks(y, [always.get(name, title(name)) for name, _ in keep])
     ax.set_xlim(0.0, 1.08)
     ax.set_xticks(np.linspace(0, 1, 6))
@@ -179,8 +179,8 @@ def before_after_figure(shown: Sequence[CycleResidual], causes: str) -> Figure:
         _cycle_residual(ax, one, causes)
         ax.set_title(one.name, loc="left")
         ax.locator_params(axis="y", nbins=4)
-    figure.supxlabel("phase of the cycle (0: upward through the middle)", fontsize=9)
-    figure.supylabel("measured − model (N)", fontsize=9)
+    figure.supxlabel("phase of the cycle (0: upward through the middle)")
+    figure.supylabel("measured − model (N)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2 if narrow() else 3)
     return figure
 

@@ -76,10 +76,10 @@ def gap_loops_figure(p: GapPictures) -> Figure:
         wide = 0.8 + 4.0 * np.minimum(np.abs(between) / limit, 1.0)
         ax.add_collection(LineCollection(list(pieces), colors=colours(norm(between)), zorder=2, linewidths=wide))
         digits = 1 if shares[t] < 0.1 else 0
-        ax.set_title(f"{names[t]}: {100 * shares[t]:.{digits}f} %", loc="left", fontsize=7.5 if narrow() else None)
+        ax.set_title(f"{names[t]}: {100 * shares[t]:.{digits}f} %", loc="left", size="small" if narrow() else None)
         ax.locator_params(nbins=3 if narrow() else 4)
-    figure.supxlabel("displacement (mm)", fontsize=9)
-    figure.supylabel("measured force (N)", fontsize=9)
+    figure.supxlabel("displacement (mm)")
+    figure.supylabel("measured force (N)")
     side, said = "bottom" if narrow() else "right", "measured − model (N)"
     figure.colorbar(ScalarMappable(norm, colours), ax=axes, shrink=0.8, pad=0.02, location=side, label=said)
     return figure
@@ -149,7 +149,7 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
     if len(names) <= 24:
         key, columns = axes[0, 1].get_legend_handles_labels(), 2 if narrow() else 1
         figure.legend(
-            *key, loc="outside upper center" if narrow() else "outside right upper", ncols=columns, fontsize=7
+            *key, loc="outside upper center" if narrow() else "outside right upper", ncols=columns, size="small"
         )
     return figure
 
@@ -178,7 +178,7 @@ def gap_growth_figure(p: GapPictures) -> Figure:
         ax.set_xticks(ticks, [f"{v:g}" for v in ticks])
         ax.minorticks_off()
         ax.set_xlabel(label)
-        ax.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)  # above: points are anywhere
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)  # above: points are anywhere
     decimal_ticks(axes[0, 0].yaxis, *axes[0, 0].get_ylim())
     ticked(list(axes[0]))
     axes[0, 0].set_ylabel("gap (N RMS)")
@@ -214,7 +214,7 @@ def gap_cycles_figure(p: GapPictures) -> Figure:
         ax.fill_between(cycle[t], size.along_low_N[t], size.along_high_N[t], color=shades[t], alpha=0.15, linewidth=0)
     ax.set_ylim(bottom=0.0)
     ax.set(xlabel="cycle number (mean of each block of cycles)", ylabel="gap (N RMS)")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 
@@ -230,7 +230,7 @@ def gap_regions_figure(regions: Sequence[Statistic]) -> Figure:
         color, share = BLUE if x.significant else PRIOR, f"{100 * x.share:.0f} %"
         ax.plot([x.low_N, x.high_N], [k, k], color=color, linewidth=2.2)
         ax.plot(x.gap_N, k, "o", color=color, markerfacecolor=BLUE if x.significant else "white")
-        ax.annotate(share, (1.01, k), xycoords=("axes fraction", "data"), va="center", fontsize=7.5)
+        ax.annotate(share, (1.01, k), xycoords=("axes fraction", "data"), va="center", size="small")
     ax.axvline(whole, color="black", linewidth=0.8, linestyle=(0, (4, 2)))
     ax.set_yticks(y, [x.name for x in regions])
     ax.set_xlim(left=0.0)

@@ -68,12 +68,12 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         above = "\n" if narrow() else ""  # two titles do not go beside each other there
         ax.set_title(_label(frequencies, check) + above, loc="left")
         said = ("✗ " if bad else "") + (f"p {p}" if p[0] == "<" else f"p = {p}")
-        ax.set_title(said, loc="right", fontsize=7.5, color=RED if bad else GREEN)
+        ax.set_title(said, loc="right", size="small", color=RED if bad else GREEN)
         ax.set_xticks(places, [f"{f:.3g}" for f in hz], rotation=45 if many else 0)
         ax.set_xlim(-0.5, len(hz) - 0.5)
         ax.grid(axis="x", visible=False)
         ax.locator_params(axis="y", nbins=4)
-    figure.supxlabel("frequency (Hz); band: all tests together, 50 and 90 %; points: each frequency alone", fontsize=9)
+    figure.supxlabel("frequency (Hz); band: all tests together, 50 and 90 %; points: each frequency alone")
     return figure
 
 
@@ -117,8 +117,8 @@ def alone_loops_figure(frequencies: Frequencies) -> Figure:
         ax.set_xticks([0, 0.5, 1.0], ["0", "0.5", "1"])
         ax.locator_params(axis="y", nbins=4)
     ticked(axes)
-    figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)", fontsize=9)
-    figure.supylabel("force − joint median (N)", fontsize=9)
+    figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)")
+    figure.supylabel("force − joint median (N)")
     return figure
 
 

@@ -96,8 +96,8 @@ def _labels(figure: Figure, axes: Sequence[Axes], x: str, y: str) -> None:
         for ax in axes:
             ax.set(xlabel=x, ylabel=y)
     else:
-        figure.supxlabel(x, fontsize=9)
-        figure.supylabel(y, fontsize=9)
+        figure.supxlabel(x)
+        figure.supylabel(y)
 
 
 def _key(figure: Figure, axes: Sequence[Axes], lines: Sequence[Artist], half: str, most_of: str) -> None:
@@ -106,7 +106,7 @@ def _key(figure: Figure, axes: Sequence[Axes], lines: Sequence[Artist], half: st
     handles = [*lines, *bands]
     most = 5 if figure.get_figwidth() > 6.5 else 3 if figure.get_figwidth() > 4.5 else 2
     if into_given_axes():
-        axes[0].legend(handles=handles, loc="best", fontsize=7)
+        axes[0].legend(handles=handles, loc="best")
         return
     figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), most))
 
@@ -178,7 +178,7 @@ def paper_fig3(posterior: Posterior, test: int | None = None, predictive: Predic
         draw_loop(ax, p, t, friction)
         ax.set_title(f"{letter}. " + ("force without its linear portion" if friction else "total force"), loc="left")
         ax.set(xlabel="displacement u (mm)", ylabel="friction force (N)" if friction else "force (N)")
-    figure.suptitle(test_name(p.loops[t]), fontsize=9.5)
+    figure.suptitle(test_name(p.loops[t]))
     return figure
 
 

@@ -85,13 +85,13 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
         ax.plot([first, third], [i, i], color=color, linewidth=4.5, solid_capstyle="butt")
         ax.plot(middle, i, "o", color=color, markersize=5, markerfacecolor="white" if open_ else color)
         text = "{} [{}, {}] {}".format(*reported(posterior, p.name), p.unit if p.unit != "-" else "")
-        side.text(0.0, i, text, va="center", fontsize=7.5)
+        side.text(0.0, i, text, va="center", size="small")
         if not small:
-            side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", fontsize=7.5, color=color)
+            side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", size="small", color=color)
     head = "value [90 % interval]" if small else "value [90 % interval], as reported"
-    side.text(0.0, -1.0, head, va="center", fontsize=7.5, weight="bold")
+    side.text(0.0, -1.0, head, va="center", size="small", weight="bold")
     if not small:
-        side.text(1.0, -1.0, "contraction", va="center", ha="right", fontsize=7.5, weight="bold")
+        side.text(1.0, -1.0, "contraction", va="center", ha="right", size="small", weight="bold")
     side.set_xlim(0, 1)
     side.axis("off")
     ax.set_yticks(range(n), [p.symbol for p in prior.free])
@@ -123,9 +123,8 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
     table = np.stack([draws[k] for k in names])
     shown = [labels.get(k, k) if labels else k for k in names]
     ranges = [_range(x) for x in table]
-    letters = 7.5 if on_phone() else 6.5
     with (
-        mpl.rc_context({"axes.grid": False, "xtick.labelsize": letters, "ytick.labelsize": letters}),
+        mpl.rc_context({"axes.grid": False}),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # corner's own notes on sparse contours
@@ -141,7 +140,7 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
                     ax.set_yticks([])
                     ax.spines["left"].set_visible(False)
                     if not on_phone():
-                        ax.set_title(shown[i], fontsize=8, pad=3)
+                        ax.set_title(shown[i], size="small", pad=3)
                 else:
                     inside = {"range": [ranges[j], ranges[i]], "bins": 24, "smooth": 1.0, "levels": (0.5, 0.9)}
                     shown_as = {"plot_datapoints": False, "fill_contours": True, "color": MODEL}
