@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _prepare(args, log)
             return args.run(args) or 0
     except InputError as error:
-        say(f"bayes-iwan: {error}", file=sys.stderr)
+        say(f"bayes-iwan: {error}", logging.ERROR)
         if args.verbose:
             traceback.print_exc()
         return 2
@@ -116,19 +116,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except OSError as error:  # a disk that is full, a folder that has gone
         where = f"{error.filename}: " if error.filename else ""
-        say(f"bayes-iwan: {where}{error.strerror or error}; what was whole before is whole still", file=sys.stderr)
+        say(f"bayes-iwan: {where}{error.strerror or error}; what was whole before is whole still", logging.ERROR)
         return 2
     except MemoryError:
-        say("bayes-iwan: not enough memory", file=sys.stderr)
+        say("bayes-iwan: not enough memory", logging.ERROR)
         return 2
     except Exception as error:
         for line in traceback.format_exc().splitlines():
-            say(line, file=sys.stderr)
+            say(line, logging.ERROR)
         said = f"bayes-iwan: {type(error).__name__}: this is a defect of bayes_iwan {__version__}, not of your input; "
-        say(said + "please report it with the lines above and the command", file=sys.stderr)
+        say(said + "please report it with the lines above and the command", logging.ERROR)
         return DEFECT
     except KeyboardInterrupt:
-        say(f"\nbayes-iwan: interrupted{_go_on(args, words)}", file=sys.stderr)
+        say(f"\nbayes-iwan: interrupted{_go_on(args, words)}", logging.ERROR)
         return 130
     finally:
         log.write()
@@ -157,7 +157,7 @@ def _prepare(args: argparse.Namespace, log: RunLog) -> None:
         if args.out is None:
             args.out = f"{Path(str(source)).resolve().name}-{getattr(args, 'to', args.command)}"
         if args.verbose:
-            say(f"{source} -> {args.out}", file=sys.stderr)
+            say(f"{source} -> {args.out}")
     if getattr(args, "out", None):
         log.folder = Path(args.out)
 

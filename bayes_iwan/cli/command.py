@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import Any
 
 from bayes_iwan.terminal import plain
 
@@ -50,11 +50,12 @@ def given(args: argparse.Namespace, names: str) -> dict[str, Any]:
     return {name: getattr(args, name) for name in names.split()}
 
 
-def say(text: str, file: TextIO | None = None) -> None:
-    """Print for a reader, and for the log: names in files may hold what would steer the terminal, and must not."""
+def say(text: str, level: int = logging.INFO) -> None:
+    """Print for a reader, errors on stderr, and for the log: names in files may hold what would steer the terminal, and
+    must not."""
     text = plain(text)
-    print(text, file=file)
-    LOG.log(logging.ERROR if file is sys.stderr else logging.INFO, "%s", text)
+    print(text, file=sys.stderr if level == logging.ERROR else None)
+    LOG.log(level, "%s", text)
 
 
 def quoted(words: Sequence[str]) -> str:
