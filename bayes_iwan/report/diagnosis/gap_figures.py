@@ -148,9 +148,7 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
     axes[0, 0].set_ylabel("measured − model (N)")
     if len(names) <= 24:
         key, columns = axes[0, 1].get_legend_handles_labels(), 2 if narrow() else 1
-        figure.legend(
-            *key, loc="outside upper center" if narrow() else "outside right upper", ncols=columns, size="small"
-        )
+        figure.legend(*key, loc="outside upper center" if narrow() else "outside right upper", ncols=columns)
     return figure
 
 
