@@ -111,7 +111,7 @@ def workers(default: str = "1") -> tuple[Argument, Argument]:
             metavar="N|ADDRESS",
             type=number_or_address,
             help=f"processes, one core each (default: {default}), or tcp://host:port of a Dask scheduler whose workers "
-            "see the same folders (needs bayes-iwan[dask])",
+            "see the same folders (needs distributed)",
         ),
         argument("--dask", type=former_dask, help=argparse.SUPPRESS),
     )
