@@ -11,6 +11,7 @@ from bayes_iwan.comparison.shrinkage import shrunk
 from bayes_iwan.comparison.unusual import rank_unusual
 from bayes_iwan.inference.results import population as module
 from bayes_iwan.inference.results.population import SpecimenDraws, _smaller, coordinate_of, population
+from bayes_iwan.report.batch.batch_page import Answer
 
 
 def drawn(rng, n, middle, spread, error, prior=(0.0, 3.0)):
@@ -134,6 +135,20 @@ def test_how_many_others_are_smaller_counts_a_specimen_s_own_error(skewed):
     which = rng.choice(4, 200_000, p=known.ravel())
     another = mean[which // 2] + tau[which % 2] * rng.standard_normal(which.size)
     assert found == pytest.approx(np.mean(another < rng.choice(draws, which.size)), abs=0.006)
+
+
+def test_a_population_that_does_not_fit_gets_no_band():
+    """One of 21 lies thirty spreads off: the typical value and the band of such a population say nothing."""
+    rng = np.random.default_rng(3)
+    sound = drawn(rng, 20, 1.5, 0.05, 0.02)
+    odd = drawn(rng, 1, 3.0, 0.0, 0.02)
+    for specimens, believed in ((sound, True), (sound + odd, False)):
+        found = population(specimens)
+        batch = SimpleNamespace(populations={"k": found}, spread_unit=lambda _: (100.0, "%"), label=str)
+        ((label, count, typical, spread, further, p),) = Answer(batch).populations()
+        assert found.believed == believed and (label, count) == ("k", len(specimens))
+        assert (typical != "does not fit") == bool(spread) == bool(further) == believed
+        assert (float(p) >= 0.01) == believed
 
 
 def test_a_quantity_of_either_sign_and_too_few_specimens():

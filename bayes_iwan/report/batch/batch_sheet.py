@@ -84,9 +84,9 @@ def _table(ax: Axes, batch: Batch) -> int:
         spread = f"{times * p.spread[0]:.2g} {unit}"
         low, high = p.next_specimen
         typical = "{} [{}, {}]".format(*in_interval(*p.typical))
-        rows.append(
-            [known.get(q, batch.label(q)), typical, spread, f"{number(low, high - low)} to {number(high, high - low)}"]
-        )
+        further = f"{number(low, high - low)} to {number(high, high - low)}"
+        said = [typical, spread, further] if p.believed else ["does not fit", "", ""]
+        rows.append([known.get(q, batch.label(q)), *said])
     if not rows:
         ax.text(0.0, 1.0, "Fewer than three specimens determine any quantity.", va="top")
         return 0
