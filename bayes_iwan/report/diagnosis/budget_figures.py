@@ -166,7 +166,7 @@ def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str
     ax.set_xlim(0.0, 1.08)
     ax.set_xticks(np.linspace(0, 1, 6))
     ax.axvline(NAMED, color=BLACK, linewidth=0.6, linestyle=(0, (4, 2)))
-    ax.set_xlabel(f"probability (several may contribute; named from {NAMED:g} on)")
+    ax.set_xlabel(f"probability (named from {NAMED:g} on)")
     ax.grid(axis="y", visible=False)
     return figure
 

@@ -12,6 +12,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
@@ -80,8 +81,9 @@ def gap_loops_figure(p: GapPictures) -> Figure:
         ax.locator_params(nbins=3 if narrow() else 4)
     figure.supxlabel("displacement (mm)")
     figure.supylabel("measured force (N)")
-    side, said = "bottom" if narrow() else "right", "measured − model (N)"
-    figure.colorbar(ScalarMappable(norm, colours), ax=axes, shrink=0.8, pad=0.02, location=side, label=said)
+    side, few = ("top", MaxNLocator(4)) if narrow() else ("right", MaxNLocator(9))
+    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axes, shrink=0.8, pad=0.02, ticks=few, location=side)
+    bar.set_label("measured − model (N)")
     return figure
 
 

@@ -124,7 +124,7 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
     shown = [labels.get(k, k) if labels else k for k in names]
     ranges = [_range(x) for x in table]
     with (
-        mpl.rc_context({"axes.grid": False}),
+        mpl.rc_context({"axes.grid": False, "xtick.labelsize": "x-small", "ytick.labelsize": "x-small"}),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # corner's own notes on sparse contours
