@@ -55,9 +55,6 @@ def test_what_was_probably_meant_is_said(capsys):
     with pytest.raises(SystemExit):
         cli.main(["compare", "c", "--by", "looo"])
     assert 'Did you mean "loo"?' in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        cli.main(["export", "runs", "--to", "fmuu"])
-    assert 'Did you mean "fmu"?' in capsys.readouterr().err
 
 
 def test_an_export_is_named_after_its_run_and_target(tmp_path, monkeypatch):

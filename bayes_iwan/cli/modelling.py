@@ -214,7 +214,7 @@ def run_batch(args: argparse.Namespace) -> int:
     "export",
     "the identified device as files that run elsewhere: C, FMU, OpenSees, MuJoCo, Drake, JSON",
     argument("folder", metavar="RUN", help="folder that identify or diagnose wrote"),
-    argument("--to", metavar="TARGET", required=True, choices=TARGETS, help=", ".join(TARGETS)),
+    argument("--to", metavar="TARGET", required=True, help=", ".join(TARGETS)),
     OUT,
     argument("--draws", metavar="N", type=int, default=20, help="draws beside the point estimate (default: 20)"),
     argument("--campaign", metavar="DIR", help="the campaign's folder: for a diagnosis, or where it has moved"),
