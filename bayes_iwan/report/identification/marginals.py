@@ -123,8 +123,9 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
     table = np.stack([draws[k] for k in names])
     shown = [labels.get(k, k) if labels else k for k in names]
     ranges = [_range(x) for x in table]
+    letters = "small" if on_phone() else "x-small"
     with (
-        mpl.rc_context({"axes.grid": False, "xtick.labelsize": "x-small", "ytick.labelsize": "x-small"}),
+        mpl.rc_context({"axes.grid": False, "xtick.labelsize": letters, "ytick.labelsize": letters}),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # corner's own notes on sparse contours
