@@ -1,13 +1,13 @@
 """What every rule and constant of assessment and search brings: each switched off in turn, on the same cases.
 
-    python analyses/ablate_diagnosis.py assessment /work/cache/fits/*.json --out analyses/ablation_assessment.csv
-    python analyses/study_fits.py CASES --set BEAM=1 --out /work/cache/BEAM=1          (searched anew)
-    python analyses/ablate_diagnosis.py search FITS /work/cache/BEAM=1 --out analyses/ablation_searching.csv
+    python analyses/ablate_diagnosis.py assessment /work/cache/fits/*.pickle --out analyses/ablation_assessment.csv
+    python analyses/study_fits.py CASES --without RULE --out /work/cache/RULE          (searched anew)
+    python analyses/ablate_diagnosis.py search FITS /work/cache/RULE --out analyses/ablation_searching.csv
 
-`assessment` takes seconds: the constants of the probabilities are fitted anew without the rule, families of foreign
-causes held out in turn, and every case is answered. `search` compares folders of cases that were searched with another
-constant. Of each: how many names are right and false, what is flagged, alarms, log loss, and what changes against all
-rules on, with a 90 % interval from resampled cases (the same ones for both).
+`assessment` takes minutes: every case is assessed anew from its fits and answered by what ships, less one rule.
+`search` compares folders of cases that were searched without a rule (`search_rules.py`). Of each: how many names are
+right and false, what is flagged, alarms, log loss, and what changes against all rules on, with a 90 % interval from
+resampled cases (the same ones for both). Constants are the shipped ones: take cases that these were not fitted to.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -25,11 +25,13 @@ from unittest.mock import patch
 import numpy as np
 
 import calibrate_diagnosis as calibrate
-from bayes_iwan.diagnosis.assessment import budget, calibration, verdict
-from bayes_iwan.diagnosis.assessment.indicators import Figures
-from bayes_iwan.diagnosis.fits.held_out_tests import share_by_test
-from bayes_iwan.withheld.true_gaps import by_set
-from study_cases import HALVES, Answer, Case, counts, held_out_share, log_loss, read_cases
+from bayes_iwan.diagnosis.assessment import assessed_search, budget, calibration, indicators, verdict
+from bayes_iwan.diagnosis.assessment.indicators import Figures, figures_of
+from bayes_iwan.diagnosis.fits.evidence import Fit
+from bayes_iwan.diagnosis.fits.gap_size import GapSize
+from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, share_by_test
+from bayes_iwan.diagnosis.search.search_result import Search
+from study_cases import HALVES, Answer, Case, counts, log_loss, read_cases, share_pairs
 
 #: what is added up of a case: right names, false names, unexplained parts flagged, alarms
 SUMS = {
@@ -42,89 +44,95 @@ SUMS = {
 RESAMPLED = 2000
 
 Patch = tuple[Any, str, Any]
+Names = frozenset[str]
+Sizes = Mapping[Names, GapSize]
+#: changes the figures of a search, from its gaps and what is missed on held-out tests
+Change = Callable[[Figures, Search, Sizes, Sequence[HeldOut]], Figures]
 
 
-def refused_but(reason: str) -> list[Patch]:
-    """What is refused, but for one reason (a part of its text)."""
-    whole = verdict.refused
+def without_reason(where: Any, name: str, reason: str) -> Patch:
+    """What a function speaks against, but for one reason (a part of its text)."""
+    whole = getattr(where, name)
 
-    def some(f: Figures) -> str:
-        why = whole(f)
+    def some(*given: Any) -> str:
+        why = str(whole(*given))
         return "" if reason in why else why
 
-    return [(verdict, "refused", some)]
+    return (where, name, some)
 
 
-def each_with(change: Callable[[Figures], Figures]) -> Callable[[Case], Case]:
-    """A case whose effects have other figures."""
-    return lambda case: replace(case, figures=tuple(change(f) for f in case.figures))
+def changed_by(change: Change) -> Patch:
+    """Figures of another kind."""
+
+    def figures(search: Search, sizes: Sizes, fit: Fit, held_out: Sequence[HeldOut]) -> tuple[Figures, ...]:
+        return tuple(change(f, search, sizes, held_out) for f in figures_of(search, sizes, fit, held_out))
+
+    return (assessed_search, "figures_of", figures)
 
 
-def held_out_by(share: Callable[[Case, Figures], float]) -> Callable[[Case], Case]:
-    """A case whose shares on held-out tests are found otherwise."""
-    return lambda case: replace(
-        case, figures=tuple(replace(f, held_out=share(case, f)) if f.has_held_out else f for f in case.figures)
-    )
+def of_best_set(f: Figures, search: Search, sizes: Sizes, held_out: Sequence[HeldOut]) -> Figures:
+    """What an effect removes on held-out tests from what the best set of all tests leaves without it."""
+    if not f.has_held_out:
+        return f
+    names = Names(search.chosen)
+    shares = [share_by_test(u.power_N2[names - {f.name}], u.power_N2[names]).mean() for u in held_out]
+    return replace(f, held_out=float(np.mean(shares)))
 
 
-def of_best_set(case: Case, f: Figures) -> float:
-    """What an effect removes from what the best set of all tests leaves without it."""
-    names = frozenset(case.stored["chosen"])
-    parts = [by_set(u["power_N2"]) for u in case.stored["held_out"]]
-    return float(np.mean([share_by_test(np.array(p[names - {f.name}]), np.array(p[names])).mean() for p in parts]))
+def of_whole_gap(f: Figures, search: Search, sizes: Sizes, held_out: Sequence[HeldOut]) -> Figures:
+    """An effect is asked for its share of the whole gap, also where it acts along the record."""
+    gap_N, names = {k: s.all.rms_N for k, s in sizes.items()}, Names(search.chosen)
+    return replace(f, fitted=(gap_N[names - {f.name}] - gap_N[names]) / gap_N[Names()])
 
 
-def fitted_alone(case: Case) -> Case:
-    """A case where an effect is asked for its share of the whole gap, also where it acts along the record."""
-    gap_N, names = by_set(case.stored["gap_N"]), frozenset(case.stored["chosen"])
-    return each_with(lambda f: replace(f, fitted=(gap_N[names - {f.name}] - gap_N[names]) / gap_N[frozenset()]))(case)
-
-
-def not_odd(reason: str) -> Callable[[Figures], Figures]:
-    return lambda f: replace(f, odd="") if reason in f.odd else f
-
-
-def switched_off() -> dict[str, tuple[list[Patch], Callable[[Case], Case] | None]]:
-    """What is patched for each rule, and how cases change."""
-    out: dict[str, tuple[list[Patch], Callable[[Case], Case] | None]] = {}
-    for title, reason in {
-        "one record names nothing": "one record",
-        "held-out share above zero": "held-out tests",
-        "least share": "too little",
-        "own form needs a gap": "every specimen",
-    }.items():
-        out[f"rule: {title}"] = (refused_but(reason), None)
-    for title, reason in {
-        "plausible numbers": "",
-        "within the prior": "beyond",
-        "no longer than the tested periods": "longer",
-        "frequencies that differ": "frequency",
-        "not only a number of the base": "replaces",
-    }.items():
-        out[f"rule: {title}"] = ([], each_with(not_odd(reason)))
-    out["rule: patterns without a cause make it unknown"] = ([(verdict, "NO_CAUSE", frozenset())], None)
-    out["rule: what a record shows by itself"] = ([(verdict, "SHOWN_BY_RECORD", frozenset())], None)
-    out["rule: share of what changes along the record"] = ([], fitted_alone)
-    out["held out: sets that the other tests chose"] = ([], held_out_by(of_best_set))
-    out["held out: other sets"] = (
-        [],
-        held_out_by(lambda case, f: held_out_share(case.stored, f, lambda k: False)),
-    )
+def switched_off() -> dict[str, list[Patch]]:
+    """What is patched for each rule."""
+    out: dict[str, list[Patch]] = {
+        "rule: places where one of several contributes": [(verdict, "one_of", lambda *given: ())],
+        "rule: a specimen's usual form is not unexplained": [(verdict, "usual_form", lambda given: Names())],
+        "rule: patterns without a cause make it unknown": [(verdict, "NO_CAUSE", Names())],
+        "rule: what a record shows by itself": [(verdict, "SHOWN_BY_RECORD", Names())],
+        "rule: share of what changes along the record": [changed_by(of_whole_gap)],
+        "rule: what could be in its place is tied": [changed_by(lambda f, *given: replace(f, alternatives={}))],
+        "rule: plausible where it misses least in newtons": [changed_by(plausible_in_evidence)],
+        "held out: sets that the other tests chose": [changed_by(of_best_set)],
+    }
+    for title, where, name, reason in (
+        ("one record names nothing", verdict, "refused", "one record"),
+        ("held-out share above zero", verdict, "refused", "held-out tests"),
+        ("least share", verdict, "refused", "too little"),
+        ("own form needs a gap", verdict, "refused", "every specimen"),
+        ("within the prior", indicators, "implausible", "beyond"),
+        ("no longer than the tested periods", indicators, "implausible", "longer"),
+        ("frequencies that differ", indicators, "implausible", "frequency"),
+        ("not only a number of the base", indicators, "replaced", "replaces"),
+    ):
+        out[f"rule: {title}"] = [without_reason(where, name, reason)]
     for nats in (10.0, 20.0, 50.0):
         tied = replace(calibration.calibration(), apart=nats)
-        out[f"apart {nats:g}"] = ([(calibrate, "calibration", lambda tied=tied: tied)], None)
+        out[f"apart {nats:g}"] = [(calibrate, "calibration", lambda tied=tied: tied)]
     for where, name, values in (
-        (calibration, "COARSENED", (1e9, 2.0, 1.0, 0.5, 0.2)),
-        (verdict, "NAMED", (0.4, 0.5, 0.8)),
-        (verdict, "REFUSED", (0.0, 0.1, 0.5, 1.0)),
+        (calibration, "COARSENED", (1e9, 1.0, 0.5, 0.2)),
+        (verdict, "NAMED", (0.5, 0.8)),
+        (verdict, "REFUSED", (0.0, 1.0)),
         (calibration, "SUREST", (0.999,)),
-        (budget, "LEAST_SHARE", (0.0, 0.05)),
+        (budget, "LEAST_SHARE", (0.0,)),
         (budget, "LEAST_OF_FRICTION", (1e-12,)),
         (budget, "LEAST_MODEL_FORM", (0.02,)),
+        (verdict, "LEAST_GAP", (0.0,)),
+        (indicators, "LARGEST_SCORE", (3.0, 6.0)),
     ):
         for value in values:
-            out[f"{name} {value:g}"] = ([(where, name, value)], None)
+            out[f"{name} {value:g}"] = [(where, name, value)]
     return out
+
+
+def plausible_in_evidence(f: Figures, search: Search, sizes: Sizes, held_out: Sequence[HeldOut]) -> Figures:
+    """An effect's numbers are asked where its evidence is best alone."""
+    best = search.fit(search.chosen)
+    effect = next(e for e in best.effects if e.name == f.name)
+    less = search.fit(Names(search.chosen) - {f.name})
+    return replace(f, odd=indicators.implausible(effect, best, search.data) or indicators.replaced(less, best))
 
 
 @contextmanager
@@ -135,9 +143,22 @@ def patched(patches: Sequence[Patch]) -> Any:
         yield
 
 
+def once(work: Callable[..., tuple[HeldOut, ...]]) -> Callable[..., tuple[HeldOut, ...]]:
+    """The same, each made once: rules change which sets are asked of, not what these miss."""
+    made: dict[tuple[int, ...], tuple[Sequence[Fit], tuple[HeldOut, ...]]] = {}
+
+    def of(fits: Sequence[Fit], *more: Any) -> tuple[HeldOut, ...]:
+        at = tuple(map(id, fits))  # of fits that are kept with what was made
+        if at not in made:
+            made[at] = (fits, work(fits, *more))
+        return made[at][1]
+
+    return of
+
+
 def scored(cases: Sequence[Case]) -> dict[str, np.ndarray]:
-    """(cases,) of each sum, with constants that know nothing of a case's family; and the log loss."""
-    return sums_of(cases, calibrate.answers(cases, calibrate.held_out_in_turn(cases)))
+    """(cases,) of each sum, of cases assessed by the present rules; and the log loss."""
+    return sums_of(cases, calibrate.answers([c.assessed() for c in cases], [calibrate.calibration()] * len(cases)))
 
 
 def sums_of(cases: Sequence[Case], given: Sequence[Answer]) -> dict[str, np.ndarray]:
@@ -145,6 +166,8 @@ def sums_of(cases: Sequence[Case], given: Sequence[Answer]) -> dict[str, np.ndar
     each = [counts(case, a) for case, a in zip(cases, given)]
     out = {k: np.array([sum(x[w][0] for w in what if w in x) for x in each], float) for k, what in SUMS.items()}
     out["log loss"] = np.array([sum(log_loss(case, a)) for case, a in zip(cases, given)])
+    said = [share_pairs(case, a) for case, a in zip(cases, given)]
+    out["shares held"] = np.array([sum(s.low <= true <= s.high for s, true in x) for x in said], float)
     return out
 
 
@@ -173,11 +196,11 @@ def write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
         print(f"{r['without']:45s} right {r['right']:4.0f} {r['right change']:24s} false {r['false']:3.0f} "
               f"{r['false change']:24s} flagged {r['flagged']:3.0f} alarms {r['alarms']:2.0f} "
               f"in a set {r['in a set change']:22s} log loss {r['log loss change']:26s} "
-              f"{r['seconds a case']} s")  # fmt: skip
+              f"shares {r['shares held']:3.0f} {r['shares held change']} {r['seconds a case']} s")  # fmt: skip
 
 
 def seconds_of(cases: Sequence[Case]) -> float:
-    return float(np.mean([c.stored["cpu_s"] for c in cases]))
+    return float(np.mean([c.seconds for c in cases]))
 
 
 def main() -> None:
@@ -189,24 +212,20 @@ def main() -> None:
     args = parser.parse_args()
     if args.what == "assessment":
         cases = read_cases(args.cases, args.half)
-        on, took = scored(cases), seconds_of(cases)
-        rows = [row("nothing", on, on, (took, took))]
-        for name, (patches, change) in switched_off().items():
-            with patched(patches):
-                rows.append(row(name, scored([change(c) for c in cases] if change else cases), on, (took, took)))
+        took, rows = seconds_of(cases), []
+        # what is suspected is counted nowhere
+        with patched([(verdict, "held_out_gaps", once(verdict.held_out_gaps)), (verdict, "suspects", lambda *_: ())]):
+            on = scored(cases)
+            for name, patches in ({"nothing": []} | switched_off()).items():
+                with patched(patches):
+                    rows.append(row(name, scored(cases), on, (took, took)))
     else:
         rows = []
         for folder in args.cases:
-            shared = {p.name for p in folder.glob("*.json")} & {p.name for p in args.cases[0].glob("*.json")}
-            whole = read_cases(args.cases[0].glob("*.json"))
-            constants = dict(zip((c.path for c in whole), calibrate.held_out_in_turn(whole)))
-            both = []
-            for x in (args.cases[0], folder):
-                cases = read_cases(x / n for n in sorted(shared))
-                given = calibrate.answers(cases, [constants[c.path] for c in cases])
-                both.append((sums_of(cases, given), seconds_of(cases)))
-            name = f"{folder.name} ({len(shared)} cases)"
-            rows.append(row(name, both[1][0], both[0][0], (both[1][1], both[0][1])))
+            kept, found = ({p.name for p in x.glob("*.pickle")} for x in (args.cases[0], folder))
+            before, after = (read_cases(x / n for n in kept & found) for x in (args.cases[0], folder))
+            times = seconds_of(after), seconds_of(before)
+            rows.append(row(f"{folder.name} ({len(after)} cases)", scored(after), scored(before), times))
     write(args.out, rows)
     print(json.dumps({"rows": len(rows), "written": str(args.out)}))
 

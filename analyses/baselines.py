@@ -1,6 +1,6 @@
 """Two simple methods on the same campaigns: sparse regressions of the base model's residual on a dictionary of terms.
 
-    python analyses/baselines.py FITS/*.json --out BASELINES [--workers 2]
+    python analyses/baselines.py FITS/*.pickle --out BASELINES [--workers 2]
 
 FITS are cases of `study_fits.py`; the campaigns are read where `study_draws.py` left them. The base model is fitted
 as a diagnosis fits it. What its parameters can imitate, within their priors, is projected off its residual and off
@@ -185,10 +185,10 @@ def answered(shared: None, path: str) -> dict[str, Any]:
 
 def answer(case: Case, p: dict[str, float], left: float, least: float) -> Answer:
     """An answer; the unexplained part is flagged as the diagnosis flags it, by its size."""
-    before, p = case.gap_resolved[frozenset()], {n: v for n, v in p.items() if n != "speed_squared"}
-    sure = frozenset(n for n, v in p.items() if v >= least and before > USUAL_GAP and case.tests > 1)
-    unknown = calibration().unknown_cause(before * (left if sure else 1.0))
-    return Answer(sure, sure, p, unknown, left)
+    before, p = case.gap, {n: v for n, v in p.items() if n != "speed_squared"}
+    sure = frozenset(n for n, v in p.items() if v >= least and before > USUAL_GAP and case.found.search.data.tests > 1)
+    left = before * (left if sure else 1.0)
+    return Answer(sure, sure, p, calibration().unknown_cause(left), left)
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """Ways to tell a cause from what absorbs a foreign one, each as a figure below which an effect is not named.
 
-    python analyses/open_set.py figures FITS/*.json --out OPEN       (one JSON a campaign)
-    python analyses/open_set.py score FITS/*.json --figures OPEN --out analyses/ablation_open_set.csv [--half even]
+    python analyses/open_set.py figures FITS/*.pickle --out OPEN       (one JSON a campaign)
+    python analyses/open_set.py score FITS/*.pickle --figures OPEN --out analyses/ablation_open_set.csv [--half even]
 
 law_error: nats by which the effect, its force distorted by a smooth factor over tests and harmonics (a Gaussian
     process of sd LAW_ERROR), is better than no effect, beside the discrepancy that was inferred without it (Sargsyan,
@@ -21,33 +21,25 @@ import json
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ablate_diagnosis import row, scored, seconds_of, write
+from ablate_diagnosis import changed_by, patched, row, scored, seconds_of, write
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign import average
-from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
+from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.assessment.verdict import named_by
-from bayes_iwan.diagnosis.diagnosis import offered_effects
-from bayes_iwan.diagnosis.fits.data import GapData, gap_data
-from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model
+from bayes_iwan.diagnosis.fits.data import GapData
+from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.fits.residuals import Residual, residual_of
-from bayes_iwan.diagnosis.search.base_fit import fit_base
-from bayes_iwan.diagnosis.search.fitted_sets import calibrated
-from bayes_iwan.diagnosis.search.search_result import MODEL_FORM, part
-from bayes_iwan.effects.catalogue import ordered
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM, Search
 from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import finite, write_whole
-from bayes_iwan.inference.setup.loop_scales import scales_of
-from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.inference.setup.spectrum import between_tests
 from bayes_iwan.threads import linear_algebra
-from study_cases import HALVES, Case, case_of, read_cases
+from study_cases import HALVES, Case, read_cases
 
 #: sd of the factor that distorts an effect's force, and how it is correlated between tests and over ln of the harmonic
 LAW_ERROR, BETWEEN, OCTAVES = 0.3, (1.0, 1.0, 0.05), 0.7
@@ -85,27 +77,10 @@ def distortions(residual: Residual, force: np.ndarray) -> np.ndarray:
 
 
 def models(case: Case) -> tuple[GapData, dict[frozenset[str], Fit]]:
-    """The best set of a case and it without each effect, fitted again from where the search ended."""
-    loops = [average(r, **LOOPS) for r in pickle.loads(Path(case.path).read_bytes())["records"]]
-    data, scales, settings = gap_data(loops), scales_of(loops), DiagnoseSettings()
-    base = fit_base(data, settings, scales, np.random.default_rng([0, 1]))
-    kinds, z = offered_effects(data, base.problem.model), case.stored["whole_z"]
-    laws = []
-    for name in case.stored["chosen"]:
-        own = {n for n in z if n.startswith(f"{name}.")}
-        made = [calibrated(k, scales, data, base.problem, base.z) for k in kinds[name]]
-        laws.append([e for e in made if own == {p.name for p in e.parameters if p.free}])
-    whole = []
-    for some in product(*laws):
-        problem = base.problem.with_effects(ordered(some))
-        whole.append(fit_model(data, problem, np.array([[z[n] for n in problem.names]]), 10))
-    best = max(whole, key=lambda f: f.log_evidence)
-    fits = {best.names: best}
-    for name in best.names:
-        problem = best.problem.with_effects([e for e in best.effects if e.name != name])
-        starts = [part(best, problem), *([base.z] if problem.names == base.problem.names else [])]
-        fits[best.names - {name}] = fit_model(data, problem, np.array(starts), 20)
-    return data, fits
+    """The best set of a case and it without each effect."""
+    search = case.found.search
+    whole = frozenset(search.chosen)
+    return search.data, {k: search.fits[k] for k in (whole, *(whole - {n} for n in whole))}
 
 
 def figures(data: GapData, fits: Mapping[frozenset[str], Fit]) -> dict[str, dict[str, float]]:
@@ -173,17 +148,19 @@ def fitting(decoys: Array, target: Array) -> Array:
 
 def found(shared: None, path: str) -> dict[str, Any]:
     with linear_algebra().limit(limits=1):
-        return figures(*models(case_of(json.loads(Path(path).read_text()))))
+        return figures(*models(pickle.loads(Path(path).read_bytes())))
 
 
-def gated(cases: Sequence[Case], stored: Mapping[str, Mapping[str, Any]], name: str, least: float) -> dict[str, Array]:
-    """Scores where an effect is not named whose figure is below `least`."""
+def gated(
+    cases: Sequence[Case], stored: Mapping[int, Mapping[str, Mapping[str, float]]], name: str, least: float
+) -> dict[str, Array]:
+    """Scores where an effect is not named whose figure is below `least`; stored : by identity of the search."""
 
-    def kept(case: Case) -> Case:
-        low = {n for n, v in stored[Path(case.path).stem].items() if v[name] < least}
-        return replace(case, figures=tuple(replace(f, odd="low") if f.name in low else f for f in case.figures))
+    def kept(f: Figures, search: Search, *more: Any) -> Figures:
+        return replace(f, odd="low") if stored[id(search)][f.name][name] < least else f
 
-    return scored([kept(c) for c in cases])
+    with patched([changed_by(kept)]):
+        return scored(cases)
 
 
 def main() -> None:
@@ -198,7 +175,7 @@ def main() -> None:
     if args.what == "figures":
         args.out.mkdir(parents=True, exist_ok=True)
         asked = {str(args.out / f"{p.stem}.json"): str(p) for p in args.cases}
-        asked = {k: v for k, v in asked.items() if not Path(k).is_file() and json.loads(Path(v).read_text())["chosen"]}
+        asked = {k: v for k, v in asked.items() if not Path(k).is_file()}
         for path, result in finished(asked, found, None, workers=args.workers, what="figures", unit="case"):
             if isinstance(result, Failure):
                 print(f"{path}: {result}")
@@ -206,15 +183,16 @@ def main() -> None:
                 write_whole(path, json.dumps(finite(result)))
         return
     stored = {p.stem: json.loads(p.read_text()) for p in args.figures.glob("*.json")} if args.figures else {}
-    cases = [c for c in read_cases(args.cases, args.half) if Path(c.path).stem in stored or not c.figures]
-    stored |= {Path(c.path).stem: {} for c in cases if not c.figures}
+    cases = [c for c in read_cases(args.cases, args.half) if Path(c.path).stem in stored]
+    by_search = {id(c.found.search): stored[Path(c.path).stem] for c in cases}
     on, took = scored(cases), seconds_of(cases)
     rows = [row(f"nothing, {len(cases)} cases", on, on, (took, took))]
     for name, values in TRIED.items():
         for least in values:
-            rows.append(row(f"{name} at least {least:g}", gated(cases, stored, name, least), on, (took, took)))
+            rows.append(row(f"{name} at least {least:g}", gated(cases, by_search, name, least), on, (took, took)))
     write(args.out, rows)
-    named = [(stored[Path(c.path).stem], n, n in c.true) for c in cases for n in named_by(c.figures, c.sets)]
+    found_by = [(c, c.found) for c in cases]
+    named = [(by_search[id(w.search)], n, n in c.true) for c, w in found_by for n in named_by(w.figures, w.sets)]
     for name in TRIED:
         for title, right in (("true", True), ("false", False)):
             values = [v[n][name] for v, n, true in named if true is right and n not in MODEL_FORM]

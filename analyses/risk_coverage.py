@@ -1,6 +1,6 @@
 """How sure the diagnosis is of what is true, and how often a name is false the more it names.
 
-    python analyses/risk_coverage.py FITS/*.json --out analyses/pictures/risk_coverage.svg
+    python analyses/risk_coverage.py FITS/*.pickle --out analyses/pictures/risk_coverage.svg
 
 FITS are cases of `study_fits.py`. Every case is answered with constants that know nothing of its family of causes
 (`calibrate_diagnosis.py`), or --shipped with the package's, on cases that these were not fitted to. Printed: the mean
@@ -28,8 +28,8 @@ from study_cases import HALVES, Answer, Case, counts, read_cases, summed
 
 def could_be_named(case: Case) -> list[tuple[float, bool]]:
     """Probability of every effect that nothing speaks against, and whether it is true."""
-    some = [f for f in case.figures if not refused(f) and f.name not in MODEL_FORM]
-    return [(any_of(case.sets, {f.name}), f.name in case.true) for f in some]
+    some = [f for f in case.found.figures if not refused(f) and f.name not in MODEL_FORM]
+    return [(any_of(case.found.sets, {f.name}), f.name in case.true) for f in some]
 
 
 def curve(cases: Sequence[Case]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,6 +1,6 @@
 """Rules of the model search, each as what leaves it out: `study_fits.py --without RULE`, `ablate_diagnosis.py search`.
 
-    python analyses/search_rules.py sample FITS/*.json --seed 41
+    python analyses/search_rules.py sample FITS/*.pickle --seed 41
 
 prints numbers of cases drawn at random, so many of each kind (:data:`SAMPLE`), which are searched again with each rule
 left out.
@@ -9,7 +9,7 @@ left out.
 from __future__ import annotations
 
 import argparse
-import json
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +75,7 @@ RULES: dict[str, list[Patch]] = {
 def sample(paths: list[Path], seed: int) -> list[str]:
     """Stems of the cases to search again."""
     rng = np.random.default_rng(seed)
-    kinds = {p.stem: json.loads(p.read_text())["kind"] for p in sorted(paths)}
+    kinds = {p.stem: pickle.loads(p.read_bytes()).kind for p in sorted(paths)}
     out = []
     for kind, n in SAMPLE.items():
         out += rng.choice([s for s, k in kinds.items() if k == kind], n, replace=False).tolist()

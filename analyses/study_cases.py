@@ -2,53 +2,48 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from functools import partial
+import pickle
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_iwan import former_names
-from bayes_iwan.diagnosis.assessment import verdict
-from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Gaps, gaps_of
-from bayes_iwan.diagnosis.assessment.calibration import (
-    Calibration,
-    SetProbabilities,
-    set_probabilities,
-)
-from bayes_iwan.diagnosis.assessment.indicators import Figures, chosen_share, three_sets
+from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, assessed
+from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Share
+from bayes_iwan.diagnosis.assessment.calibration import Calibration
+from bayes_iwan.diagnosis.assessment.verdict import usual_form, verdict_of
 from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, USUAL_GAP
-from bayes_iwan.diagnosis.search.search_result import MODEL_FORM, any_alike
-from bayes_iwan.effects import catalogue
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
+from bayes_iwan.threads import linear_algebra
 from bayes_iwan.virtual_rig.faults import OUTSIDE
-from bayes_iwan.withheld.true_gaps import by_set
-
-FIGURES = tuple(f.name for f in fields(Figures))
-#: laws by effect, for which of them look alike
-EFFECTS: Mapping[str, Any] = catalogue.variants() | {e.name: (e,) for e in catalogue.UNLISTED}
 
 
 @dataclass(frozen=True)
 class Case:
-    """A case as `study_fits.py` keeps it."""
+    """A case as `study_fits.py` keeps it; seconds : of the processor, to search and weigh it."""
 
     path: str
     kind: str
     family: str
-    tests: int
-    effects: tuple[dict[str, Any], ...]
-    noise: float
-    figures: tuple[Figures, ...]
-    gap_resolved: Mapping[frozenset[str], float]
-    stored: Mapping[str, Any] = field(repr=False)
+    truth: Mapping[str, Any]
+    found: Weighed = field(repr=False)
+    seconds: float
+
+    def assessed(self) -> Case:
+        """The case by the package's present rules of assessment, its fits as they were kept."""
+        with linear_algebra().limit(limits=1):
+            return replace(self, found=assessed(self.found.search, self.found.models, self.found.held_out))
 
     @property
-    def sets(self) -> SetProbabilities:
-        """Probability of every set that the search fitted."""
-        return set_probabilities(by_set(self.stored["scores"]), self.tests)
+    def gap(self) -> float:
+        """What the base model misses, beyond noise, over the friction force."""
+        return self.found.models.sizes[frozenset()].all.resolved_share
+
+    @property
+    def effects(self) -> Sequence[Mapping[str, Any]]:
+        return tuple(self.truth["effects"])
 
     @property
     def true(self) -> frozenset[str]:
@@ -58,9 +53,9 @@ class Case:
     def visible(self) -> frozenset[str]:
         """Effects whose part that no parameter imitates is larger than noise and a sound specimen's usual gap; none
         where the base leaves no gap (bursts of noise are the records' own scatter)."""
-        if self.gap_resolved[frozenset()] < LEAST_OF_FRICTION:
+        if self.gap < LEAST_OF_FRICTION:
             return frozenset()
-        least = max(self.noise, USUAL_GAP)
+        least = max(self.truth.get("noise", {}).get("share_of_friction", 0.0), USUAL_GAP)
         return frozenset(e["name"] for e in self.effects if e["size"] * e["visible_share"] > least)
 
     @property
@@ -79,58 +74,21 @@ HALVES = {"even": (0,), "odd": (1,), "all": (0, 1)}
 def read_cases(paths: Iterable[Path], half: str = "all") -> list[Case]:
     """Cases of a study, measured campaigns left out; half : those with an even or an odd number alone."""
     kept = [p for p in sorted(paths) if half == "all" or int(p.stem.split("_")[-1]) % 2 in HALVES[half]]
-    return [c for c in (case_of(json.loads(p.read_text())) for p in kept) if c.kind != "measured"]
-
-
-def case_of(stored: Mapping[str, Any]) -> Case:
-    """A case as it was stored, shares on held-out tests by the present rule where the tests' powers were kept."""
-    truth = stored["truth"]
-    some: list[dict[str, Any]] = [
-        {k: float("nan") if v is None else v for k, v in f.items() if k in FIGURES}
-        for f in ({former_names.FIGURES.get(k, k): v for k, v in f.items()} for f in stored["figures"])
-    ]
-    figures = [Figures(**f) for f in some]
-    return Case(
-        path=stored["path"],
-        kind=stored["kind"],
-        family=stored["family"],
-        tests=stored["tests"],
-        effects=tuple(truth["effects"]),
-        noise=float(truth.get("noise", {}).get("share_of_friction", 0.0)),
-        figures=tuple(
-            replace(f, held_out=held_out_share(stored, f)) if f.has_held_out and "held_out" in stored else f
-            for f in figures
-        ),
-        gap_resolved=by_set(stored["gap_resolved"]),
-        stored=stored,
-    )
-
-
-def held_out_share(stored: Mapping[str, Any], f: Figures, kept: Callable[[frozenset[str]], bool] = bool) -> float:
-    """What an effect removes on held-out tests by the package's present rule; kept : compared sets besides the base and
-    those of the three gaps that count (others do not)."""
-    names = frozenset(stored["chosen"])
-    always = three_sets(names)
-    shares = []
-    for u in stored["held_out"]:
-        power_N2, scores = (
-            {k: np.array(v) for k, v in by_set(u[what]).items() if k in always or kept(k)}
-            for what in ("power_N2", "trained")
-        )
-        shares.append(chosen_share(power_N2, scores, partial(any_alike, EFFECTS, f.name)))
-    return float(np.nanmean(shares))
+    return [c.assessed() for c in (pickle.loads(p.read_bytes()) for p in kept) if c.kind != "measured"]
 
 
 @dataclass(frozen=True)
 class Answer:
     """What is said of a case: named effects (of the base's form not counted), what they are tied with or one of,
-    the probability of every effect, and that of an unknown cause."""
+    the probability of every effect, that of an unknown cause, the size of the unexplained part over the friction force,
+    and the share of each named effect."""
 
     named: frozenset[str]
     together: frozenset[str]
     probabilities: Mapping[str, float]
     unknown: float
     left: float
+    shares: Mapping[str, Share] = field(default_factory=dict)
 
     @property
     def flagged(self) -> bool:
@@ -138,20 +96,20 @@ class Answer:
 
 
 def answer(case: Case, c: Calibration) -> Answer:
-    """What constants say of a case, by the package's own rules."""
-    sets = case.sets
-    named = verdict.named_by(case.figures, sets)
-    p = verdict.contributing(case.figures, sets)
-    left = case.gap_resolved[frozenset(named) | verdict.usual_form(case.figures)]
-    unknown = verdict.unknown_cause_probability(c.unknown_cause(left), case.figures, sets)
-    tied = {n for f in case.figures if f.name in named for n in verdict.candidates_of(f, c)}
-    tied |= {n for some in verdict.one_of(case.figures, named, sets, c) for n in some.names}
+    """What the package says of a case, with these constants; effects that no fitted set has, of which it says 0, left
+    out."""
+    with linear_algebra().limit(limits=1):
+        v = verdict_of(case.found, c)
+    said = {n for x in v.causes for n in (x.name, *x.tied_with)} | {n for x in v.one_of for n in x.names}
+    tried = frozenset().union(*case.found.sets) - NO_CAUSE - MODEL_FORM
+    beside = frozenset(v.names) | usual_form(case.found.figures)
     return Answer(
-        frozenset(named) - MODEL_FORM,
-        frozenset(tied),
-        {n: v for n, v in p.items() if n not in NO_CAUSE | MODEL_FORM},
-        unknown,
-        left / max(case.gap_resolved[frozenset()], 1e-12),
+        frozenset(v.names) - MODEL_FORM,
+        frozenset(said),
+        {n: p for n, p in v.probabilities.items() if n in tried},
+        v.probabilities["unknown"],
+        case.found.models.sizes[beside].all.resolved_share,
+        {x.name: x.share for x in v.causes},
     )
 
 
@@ -204,19 +162,9 @@ def table(some: Sequence[Counts]) -> list[str]:
     ]
 
 
-def share_pairs(case: Case) -> list[tuple[Gaps, Gaps, float]]:
-    """Of each true effect of the best set: its gaps on the fitted tests and on held-out tests, and its true share."""
-    names = frozenset(case.stored["chosen"])
-    keys = [frozenset(), names, *(names - {n} for n in names), *(frozenset({n}) for n in names)]
-    some = [by_set(u["power_N2"]) for u in case.stored.get("held_out", case.stored.get("unseen", ()))]
-    if not names or not some or any(k not in x for k in keys for x in some):
-        return []
-    found = gaps_of(names, {k: np.concatenate([np.array(x[k]) for x in some]) for k in keys})
-    gap_N = by_set(case.stored["gap_N"])
-    fitted = gaps_of(names, {k: np.array([gap_N[k] ** 2]) for k in keys})
-    assessed = {f.name for f in case.figures if f.has_held_out}
-    true = {e["name"]: float(e["share"]) for e in case.effects}
-    return [(fitted[n], found[n], true[n]) for n in sorted(names & case.true & assessed - MODEL_FORM)]
+def share_pairs(case: Case, a: Answer) -> list[tuple[Share, float]]:
+    """The share of each true effect that is named, as said and as it is."""
+    return [(a.shares[e["name"]], float(e["share"])) for e in case.effects if e["name"] in a.named]
 
 
 def has_unlisted_cause(case: Case, named: frozenset[str]) -> bool:

@@ -100,7 +100,7 @@ def _cluster(address: str) -> Iterator[Executor]:
     try:
         from distributed import Client
     except ImportError:
-        raise ExecutorError("Dask is not installed; pip install 'bayes-iwan[dask]'") from None
+        raise ExecutorError("Dask is not installed; python -m pip install distributed") from None
     try:
         client = Client(address, timeout=_CONNECT_S)  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TypeError) as error:  # a scheduler that is not there, an address that is none

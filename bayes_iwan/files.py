@@ -8,6 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -153,11 +154,7 @@ def _linked(old: Path, new: Path) -> None:
 
 @contextmanager
 def results_folder(
-    out: str | os.PathLike[str],
-    command: str,
-    source: str | os.PathLike[str] | None,
-    *,
-    overwrite: bool = False,
+    out: str | os.PathLike[str], command: str, source: str | os.PathLike[str] | None, *, overwrite: bool = False
 ) -> Iterator[Path]:
     """:func:`owned`, for what `command` finds of the campaign (or folder of campaigns) in `source`, which is noted.
 
@@ -254,7 +251,9 @@ def clear(folder: Path, *names: str) -> None:
 
 
 def finite(value: object) -> Any:
-    """A value as JSON's types; numbers that are not finite become None."""
+    """A value as JSON's types, a dataclass by its fields; numbers that are not finite become None."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return finite(asdict(value))
     if isinstance(value, Mapping):
         return {str(k): finite(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

@@ -108,11 +108,8 @@ def _tied(change: object) -> object:
 
 def effect_of(stored: Mapping[str, Any]) -> dict[str, Any]:
     """A stored effect ({"class", "name", …}) with the names of now."""
-    return {
-        **stored,
-        "class": EFFECT_CLASSES.get(stored["class"], stored["class"]),
-        "name": EFFECTS.get(stored["name"], stored["name"]),
-    }
+    kind, name = stored["class"], stored["name"]
+    return {**stored, "class": EFFECT_CLASSES.get(kind, kind), "name": EFFECTS.get(name, name)}
 
 
 def diagnosis_of(stored: Any) -> Any:

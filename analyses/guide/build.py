@@ -97,7 +97,7 @@ def make_searchable(site: Path) -> None:
 
 def build_site(out: Path) -> Path:
     """Build the site in a folder, whose contents are replaced; returns its first page."""
-    logging.getLogger("mkdocs").setLevel(logging.WARNING)
+    logging.basicConfig(level=logging.WARNING)  # mkdocs says by it why it ends
     with tempfile.TemporaryDirectory() as temporary:
         source = Path(temporary) / "pages"
         source.mkdir()

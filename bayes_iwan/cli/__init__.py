@@ -2,7 +2,7 @@
 """The command line: `bayes-iwan COMMAND ...`. A command is a function here, which imports what it needs itself.
 
 A new command is a function with the decorator :func:`.command.command` in the file of its group, and its name in the
-list below. Bad input is an InputError anywhere in the package: it becomes one line on stderr, exit code 2. Any other
+list below. Bad input is an InputError anywhere in the package: it becomes one line on stderr, exit code 2. Every other
 exception is a defect of the package: it is said to be one, with the traceback, exit code 70.
 """
 
@@ -15,10 +15,10 @@ import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from bayes_iwan import __version__
-from bayes_iwan.cli import campaigns, diagnose, export, identification, withheld
+from bayes_iwan.cli import campaigns, modelling, withheld
 from bayes_iwan.cli.command import LOG, Command, quoted, say
 from bayes_iwan.cli.runs import RunLog, refuse_other_shells, refuse_recordings
 from bayes_iwan.errors import InputError
@@ -32,12 +32,12 @@ COMMANDS: list[Command] = [
     campaigns.run_import,
     campaigns.run_check,
     campaigns.run_inspect,
-    identification.run_identify,
-    identification.run_report,
-    identification.run_compare,
-    diagnose.run_diagnose,
-    export.run_export,
-    identification.run_batch,
+    modelling.run_identify,
+    modelling.run_report,
+    modelling.run_compare,
+    modelling.run_diagnose,
+    modelling.run_export,
+    modelling.run_batch,
     withheld.run_make,
     withheld.run_answer,
     withheld.run_score,
@@ -66,7 +66,7 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"bayes-iwan {__version__}")
     below = top.add_subparsers(metavar="COMMAND", required=True)
-    groups: dict[str, argparse._SubParsersAction[Any]] = {}
+    groups: dict[str, argparse._SubParsersAction[Parser]] = {}
     for entry in COMMANDS:
         first, _, second = entry.name.partition(" ")
         if second and first not in groups:
@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _prepare(args, log)
             return args.run(args) or 0
     except InputError as error:
-        say(f"bayes-iwan: {error}", file=sys.stderr)
+        say(f"bayes-iwan: {error}", logging.ERROR)
         if args.verbose:
             traceback.print_exc()
         return 2
@@ -116,22 +116,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except OSError as error:  # a disk that is full, a folder that has gone
         where = f"{error.filename}: " if error.filename else ""
-        say(f"bayes-iwan: {where}{error.strerror or error}; what was whole before is whole still", file=sys.stderr)
+        say(f"bayes-iwan: {where}{error.strerror or error}; what was whole before is whole still", logging.ERROR)
         return 2
     except MemoryError:
-        say("bayes-iwan: not enough memory", file=sys.stderr)
+        say("bayes-iwan: not enough memory", logging.ERROR)
         return 2
     except Exception as error:
         for line in traceback.format_exc().splitlines():
-            say(line, file=sys.stderr)
-        say(
-            f"bayes-iwan: {type(error).__name__}: this is a defect of bayes_iwan {__version__}, not of your input; "
-            "please report it with the lines above and the command",
-            file=sys.stderr,
-        )
+            say(line, logging.ERROR)
+        said = f"bayes-iwan: {type(error).__name__}: this is a defect of bayes_iwan {__version__}, not of your input; "
+        say(said + "please report it with the lines above and the command", logging.ERROR)
         return DEFECT
     except KeyboardInterrupt:
-        say(f"\nbayes-iwan: interrupted{_go_on(args, words)}", file=sys.stderr)
+        say(f"\nbayes-iwan: interrupted{_go_on(args, words)}", logging.ERROR)
         return 130
     finally:
         log.write()
@@ -160,7 +157,7 @@ def _prepare(args: argparse.Namespace, log: RunLog) -> None:
         if args.out is None:
             args.out = f"{Path(str(source)).resolve().name}-{getattr(args, 'to', args.command)}"
         if args.verbose:
-            say(f"{source} -> {args.out}", file=sys.stderr)
+            say(f"{source} -> {args.out}")
     if getattr(args, "out", None):
         log.folder = Path(args.out)
 
@@ -170,7 +167,7 @@ def _go_on(args: argparse.Namespace, words: Sequence[str]) -> str:
     if not hasattr(args, "out") and not hasattr(args, "resume"):
         return ""
     if hasattr(args, "resume"):
-        from bayes_iwan.cli.identification import going_on
+        from bayes_iwan.cli.modelling import going_on
 
         return going_on(args, words)
     return f"; finished pieces are kept. Run it again: {quoted(['bayes-iwan', *words])}"

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bayes_iwan.cli.command import CAMPAIGN, argument, command, quoted, say
+from bayes_iwan.cli.command import CAMPAIGN, argument, command, quoted, say, several
 from bayes_iwan.terminal import plain
 
 if TYPE_CHECKING:
@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     argument("--dry-run", action="store_true", help="print what was understood and write nothing"),
     argument("--split", action="store_true", help="one test a level, where a record goes through levels of the drive"),
     argument("--join", action="store_true", help="all files are channels of one test"),
-    argument(
-        "--held-out", metavar="TEST", action="append", default=[], help="keep a test out of fits (name or pattern)"
-    ),
+    several("--held-out", "TEST", "keep a test out of fits (name or pattern)"),
     argument("--recipe", metavar="TOML", help="file with what the options below say; they go before it"),
     argument(
         "--time",
@@ -34,24 +32,16 @@ if TYPE_CHECKING:
     argument("--displacement", metavar="NAME", help="the same (a length or an angle)"),
     argument("--acceleration", metavar="NAME", help="the same, in place of the displacement"),
     argument("--force", metavar="NAME", help="the same (a force, torque or pressure)"),
-    argument(
+    several(
         "--unit",
-        metavar="ROLE=UNIT",
-        action="append",
-        default=[],
-        help='unit of the samples: --unit "force=kN"; --unit "force=100 N" where a sample of 1 is 100 N',
+        "ROLE=UNIT",
+        'unit of the samples: --unit "force=kN"; --unit "force=100 N" where a sample of 1 is 100 N',
     ),
-    argument(
-        "--sensitivity",
-        metavar="ROLE=VALUE",
-        action="append",
-        default=[],
-        help='of the transducer whose volts the samples are: --sensitivity "force=9.55 mV/N"',
+    several(
+        "--sensitivity", "ROLE=VALUE", 'of the transducer whose volts the samples are: --sensitivity "force=9.55 mV/N"'
     ),
-    argument(
-        "--gain", metavar="ROLE=X", action="append", default=[], help='of an amplifier, divided out: --gain "force=10"'
-    ),
-    argument("--reverse", metavar="ROLE", action="append", default=[], help="turn the sign round: --reverse force"),
+    several("--gain", "ROLE=X", 'of an amplifier, divided out: --gain "force=10"'),
+    several("--reverse", "ROLE", "turn the sign round: --reverse force"),
     argument(
         "--sample-rate",
         metavar="HZ",
@@ -114,7 +104,8 @@ def _recipe(args: argparse.Namespace) -> Recipe:
             raise CampaignError(f"--{option}: {text!r} is not a number") from None
 
     def rate(text: str) -> float | str:
-        return text.lower() if text.lower() == NO_CLOCK else number("sample-rate", text)
+        text = text.lower().removesuffix("hz").strip()
+        return text if text == NO_CLOCK else number("sample-rate", text)
 
     roles = ("time", "displacement", "acceleration", "force")
     recipe = Recipe(
@@ -147,7 +138,9 @@ def _answer(args: argparse.Namespace, asks: ImportAsks) -> None:
     from bayes_iwan.campaign import CampaignError
 
     say(asks.where)
-    for question in asks.questions:
+    questions = list(asks.questions)
+    while questions:
+        question = questions[0]
         name = question.option.removeprefix("--").replace("-", "_")
         option = f"{question.option} {question.role}".strip()
         try:
@@ -163,6 +156,11 @@ def _answer(args: argparse.Namespace, asks: ImportAsks) -> None:
             setattr(args, name, [*getattr(args, name), f"{question.role}={answer}"])
         else:
             setattr(args, name, answer)
+        try:
+            _recipe(args)
+            del questions[0]
+        except CampaignError as error:  # asked again: the answers before it stand
+            say(str(error))
 
 
 @command(

@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import Any
 
 from bayes_iwan.terminal import plain
 
@@ -45,11 +45,17 @@ def command(name: str, help: str, *arguments: Argument, examples: Sequence[str] 
     return lambda run: Command(name, help, arguments, run, tuple(examples))
 
 
-def say(text: str, file: TextIO | None = None) -> None:
-    """Print for a reader, and for the log: names in files may hold what would steer the terminal, and must not."""
+def given(args: argparse.Namespace, names: str) -> dict[str, Any]:
+    """Options by name, as the function that a command calls takes them."""
+    return {name: getattr(args, name) for name in names.split()}
+
+
+def say(text: str, level: int = logging.INFO) -> None:
+    """Print for a reader, errors on stderr, and for the log: names in files may hold what would steer the terminal, and
+    must not."""
     text = plain(text)
-    print(text, file=file)
-    LOG.log(logging.ERROR if file is sys.stderr else logging.INFO, "%s", text)
+    print(text, file=sys.stderr if level == logging.ERROR else None)
+    LOG.log(level, "%s", text)
 
 
 def quoted(words: Sequence[str]) -> str:
@@ -81,6 +87,11 @@ def former_dask(text: str) -> None:
     raise argparse.ArgumentTypeError(f"is called --workers now; write --workers {text}")
 
 
+def several(flag: str, metavar: str, help: str) -> Argument:
+    """An option that may be given several times."""
+    return argument(flag, metavar=metavar, action="append", default=[], help=help)
+
+
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
 OUT = argument(
     "--out",
@@ -100,16 +111,20 @@ def workers(default: str = "1") -> tuple[Argument, Argument]:
             metavar="N|ADDRESS",
             type=number_or_address,
             help=f"processes, one core each (default: {default}), or tcp://host:port of a Dask scheduler whose workers "
-            "see the same folders (needs bayes-iwan[dask])",
+            "see the same folders (needs distributed)",
         ),
         argument("--dask", type=former_dask, help=argparse.SUPPRESS),
     )
 
 
-SIMULATOR = argument(
-    "--simulator",
-    metavar="FILE",
-    help="Python file with a model of your own, in the place of the Iwan model; its code is run",
-)
+def own_file(flag: str, what: str) -> Argument:
+    """A user's Python file."""
+    return argument(flag, metavar="FILE", help=f"{what}; its code is run")
+
+
+SIMULATOR = own_file("--simulator", "Python file with a model of your own, in the place of the Iwan model")
+STOP_AT_REFITS = argument("--quick", action="store_true", help="stop at refits and an approximate evidence")
 CONFIG = argument("--config", metavar="FILE", help="TOML file with what differs from the defaults")
 SEED = argument("--seed", metavar="N", type=seed, default=0, help="seed of all random numbers (default: 0)")
+#: of every command that fits
+RESULTS = (OUT, OVERWRITE, SEED)

@@ -3,7 +3,7 @@
 import argparse
 import os
 
-from bayes_iwan.cli.command import SEED, argument, command, say, workers
+from bayes_iwan.cli.command import SEED, STOP_AT_REFITS, argument, command, given, say, several, workers
 
 DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld make` wrote")
 
@@ -15,23 +15,16 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     argument("--seed", metavar="S", type=int, help="development cases that can be made again: marked as not sealed"),
     argument("--out", metavar="DIR", required=True, help="folder for the cases; made if need be"),
     argument("--laws", choices=("catalogue", "other", "all"), default="all", help="laws of the causes (default: all)"),
-    argument("--exclude-law", metavar="NAME:LAW", action="append", default=[], help="a law that is not drawn"),
-    argument("--exclude-outside", metavar="NAME", action="append", default=[], help="an unlisted cause not drawn"),
+    several("--exclude-law", "NAME:LAW", "a law that is not drawn"),
+    several("--exclude-outside", "NAME", "an unlisted cause not drawn"),
     *workers(),
     examples=("bayes-iwan withheld make 20 --out cases",),
 )
 def run_make(args: argparse.Namespace) -> None:
     from bayes_iwan.withheld.sealed import make
 
-    truth = make(
-        args.n,
-        args.out,
-        seed=args.seed,
-        laws=args.laws,
-        excluded_laws=args.exclude_law,
-        excluded_outside=args.exclude_outside,
-        workers=args.workers,
-    )
+    options = {"excluded_laws": args.exclude_law, "excluded_outside": args.exclude_outside}
+    truth = make(args.n, args.out, **given(args, "seed laws workers"), **options)
     say(f"truths are in {truth}; keep them apart")
 
 
@@ -41,7 +34,7 @@ def run_make(args: argparse.Namespace) -> None:
     DIRECTORY,
     SEED,
     argument("--out", metavar="DIR", help="folder for the answers (default: DIR/answers)"),
-    argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
+    STOP_AT_REFITS,
     *workers(),
     examples=("bayes-iwan withheld answer cases --quick --workers 2",),
 )
@@ -55,7 +48,7 @@ def run_answer(args: argparse.Namespace) -> None:
         say("this machine cannot close the truths to the answering processes (it has no Landlock)")
     out = args.out or os.path.join(args.directory, "answers")
     with owned(out):
-        path = answer(args.directory, diagnose_case, out=out, seed=args.seed, quick=args.quick, workers=args.workers)
+        path = answer(args.directory, diagnose_case, out=out, **given(args, "seed quick workers"))
     say(f"answers are in {path}")
 
 
@@ -66,22 +59,12 @@ def run_answer(args: argparse.Namespace) -> None:
     argument("--truth", metavar="FILE", required=True, help="the truths"),
     argument("--answers", metavar="FILE", help="answers.json (default: DIR/answers/answers.json)"),
     argument("--out", metavar="DIR", help="folder for table and figures"),
-    argument(
-        "--excluded", metavar="NAME", action="append", default=[], help="law (NAME:LAW) or kind not calibrated on"
-    ),
+    several("--excluded", "NAME", "law (NAME:LAW) or kind not calibrated on"),
     argument("--allow-effects-file", action="store_true", help="run the code of the Python files that answers name"),
     examples=("bayes-iwan withheld score cases --truth cases-truth/truth.json --out scores",),
 )
 def run_score(args: argparse.Namespace) -> None:
     from bayes_iwan.report.withheld_scores import write_score
 
-    say(
-        write_score(
-            args.directory,
-            args.truth,
-            answers=args.answers,
-            out=args.out,
-            allow_effects_file=args.allow_effects_file,
-            excluded=args.excluded,
-        )
-    )
+    options = given(args, "answers out allow_effects_file excluded")
+    say(write_score(args.directory, args.truth, **options))

@@ -28,11 +28,13 @@ class CompareError(InputError):
 
 @dataclass(frozen=True)
 class Family:
-    """A model family: what to call it, and the parts of its model, or a simulator instead."""
+    """A model family: what to call it, and the parts of its model, or a simulator instead. asks : what the paper argues
+    by eye, whether its own model is better than this one."""
 
     name: str
     label: str
     model: ModelSettings = field(default_factory=ModelSettings)
+    asks: str = ""
     simulator: Simulator | None = None
 
     def problem(self, loops: Sequence[Loop], settings: IdentifySettings) -> Problem:
@@ -44,56 +46,69 @@ class Family:
         return make_problem(loops, replace(mine, parameters=chosen), self.simulator)
 
 
-_SLIP = {
-    "gamma3": "three gammas (the paper's)",
-    "gamma2": "two-gamma",
-    "gamma1": "one-gamma",
-    "uniform": "uniform",
-    "gaussian": "Gaussian",
-    "power_law": "power-law",
-}
-
 FAMILIES: dict[str, Family] = {
     f.name: f
     for f in (
-        *(
-            Family(
-                name,
-                f"{label} slip forces" if name != "gamma3" else "the paper's model: three gammas, Eqs. 11, 12",
-                ModelSettings(slip=name),
-            )
-            for name, label in _SLIP.items()
+        Family("gamma3", "the paper's model: three gammas, Eqs. 11, 12"),
+        Family("gamma2", "two-gamma slip forces", ModelSettings(slip="gamma2"), "Are three gammas better than two?"),
+        Family("gamma1", "one-gamma slip forces", ModelSettings(slip="gamma1"), "Are three gammas better than one?"),
+        Family(
+            "uniform",
+            "uniform slip forces",
+            ModelSettings(slip="uniform"),
+            "Are three gammas better than a uniform distribution?",
         ),
-        Family("no_speed", "normal force without speed", ModelSettings(normal_force="hunt_crossley_no_speed")),
-        Family("polynomial2", "normal force a quadratic in u", ModelSettings(normal_force="polynomial2")),
-        Family("polynomial3", "normal force a cubic in u", ModelSettings(normal_force="polynomial3")),
+        Family(
+            "gaussian",
+            "Gaussian slip forces",
+            ModelSettings(slip="gaussian"),
+            "Are three gammas better than a Gaussian distribution?",
+        ),
+        Family(
+            "power_law",
+            "power-law slip forces",
+            ModelSettings(slip="power_law"),
+            "Are three gammas better than a power law?",
+        ),
+        Family(
+            "no_speed",
+            "normal force without speed",
+            ModelSettings(normal_force="hunt_crossley_no_speed"),
+            "Does the speed term of the normal force pay?",
+        ),
         Family(
             "constant_normal_force",
             "constant normal force (classical Iwan)",
             ModelSettings(normal_force="constant", stiffness="constant"),
+            "Does a normal force that varies pay at all?",
         ),
-        Family("constant_stiffness", "element stiffness constant", ModelSettings(stiffness="constant")),
-        Family("bouc_wen", "Bouc–Wen", simulator=OTHER_MODELS["bouc_wen"]),
+        Family("polynomial2", "normal force a quadratic in u", ModelSettings(normal_force="polynomial2")),
         Family(
-            "generalized_bouc_wen", "generalized Bouc–Wen, asymmetric", simulator=OTHER_MODELS["generalized_bouc_wen"]
+            "polynomial3",
+            "normal force a cubic in u",
+            ModelSettings(normal_force="polynomial3"),
+            "Is Eq. (11) better than a cubic polynomial?",
+        ),
+        Family(
+            "constant_stiffness",
+            "element stiffness constant",
+            ModelSettings(stiffness="constant"),
+            "Does a stiffness that depends on the normal force pay?",
+        ),
+        Family(
+            "bouc_wen",
+            "Bouc–Wen",
+            simulator=OTHER_MODELS["bouc_wen"],
+            asks="Is the generalized Iwan model better than Bouc–Wen?",
+        ),
+        Family(
+            "generalized_bouc_wen",
+            "generalized Bouc–Wen, asymmetric",
+            simulator=OTHER_MODELS["generalized_bouc_wen"],
+            asks="Is it better than an asymmetric generalized Bouc–Wen model?",
         ),
     )
 }
-
-#: what the paper argues by eye, as pairs of families: (question, the richer or paper's choice, the alternative)
-QUESTIONS: tuple[tuple[str, str, str], ...] = (
-    ("Are three gammas better than two?", "gamma3", "gamma2"),
-    ("Are three gammas better than one?", "gamma3", "gamma1"),
-    ("Are three gammas better than a uniform distribution?", "gamma3", "uniform"),
-    ("Are three gammas better than a Gaussian distribution?", "gamma3", "gaussian"),
-    ("Are three gammas better than a power law?", "gamma3", "power_law"),
-    ("Does the speed term of the normal force pay?", "gamma3", "no_speed"),
-    ("Does a normal force that varies pay at all?", "gamma3", "constant_normal_force"),
-    ("Is Eq. (11) better than a cubic polynomial?", "gamma3", "polynomial3"),
-    ("Does a stiffness that depends on the normal force pay?", "gamma3", "constant_stiffness"),
-    ("Is the generalized Iwan model better than Bouc–Wen?", "gamma3", "bouc_wen"),
-    ("Is it better than an asymmetric generalized Bouc–Wen model?", "gamma3", "generalized_bouc_wen"),
-)
 
 #: standard errors of a difference, and the difference itself (nats), below which nothing is decided
 DECIDES, LEAST = 2.0, 4.0
@@ -204,15 +219,15 @@ class Comparison:
 
     def answers(self) -> tuple[tuple[str, str], ...]:
         """The paper's questions, those whose families were fitted, each with an answer and the figure behind it."""
-        names = {e.family.name for e in self.entries}
+        fitted = {e.family.name: e for e in self.entries}
         out = []
-        for question, first, second in QUESTIONS:
-            if first in names and second in names:
-                d, se = self.difference(self[first], self[second])
+        for name, family in FAMILIES.items():
+            if family.asks and {"gamma3", name} <= set(fitted):
+                d, se = self.difference(fitted["gamma3"], fitted[name])
                 decided = "Yes" if d > 0.0 else "No, on the contrary"
                 word = decided if abs(d) > max(LEAST, DECIDES * se) else "These tests do not tell"
                 said = f"{word}: difference of expected log predictive density {d:+.1f} ± {se:.1f}"
-                out.append((question, said.replace("-", "−")))
+                out.append((family.asks, said.replace("-", "−")))
         return tuple(out)
 
 
@@ -257,16 +272,9 @@ def compare_families(
     source, loops = _loops(campaign, settings)
     # a family travels with the file of the user's that its simulator comes from
     common = (UserFiles.of([] if own is None else [own]), loops, settings, seed)
-    entries = []
-    for name, entry in executors.run(
-        {n: known[n] for n in names},
-        _entry,
-        common,
-        workers=workers,
-        what="comparing",
-        unit="family",
-        progress=progress,
-    ).items():
+    entries, pieces = [], {n: known[n] for n in names}
+    fitted = executors.run(pieces, _entry, common, workers=workers, what="comparing", unit="family", progress=progress)
+    for name, entry in fitted.items():
         if isinstance(entry, executors.Failure):
             raise CompareError(f"family {name} cannot be fitted: {entry}")
         entries.append(entry)

@@ -95,11 +95,7 @@ def _p(value: float) -> str:
 
 
 def compare_frequencies(
-    joint: Posterior,
-    folder: str | os.PathLike[str] | None = None,
-    *,
-    run: bool = False,
-    replicates: int = 1000,
+    joint: Posterior, folder: str | os.PathLike[str] | None = None, *, run: bool = False, replicates: int = 1000
 ) -> Frequencies:
     """Each frequency of a joint posterior's fitted tests alone, and the checks whether they agree.
 
@@ -210,7 +206,8 @@ def determined_names(joint: Posterior) -> tuple[str, ...]:
     problem = joint.problem
     noise = {p.name for p in problem.likelihood.parameters}
     variance = dict(zip(problem.names, np.var(joint.flat_z(4000), axis=0)))
-    shapes = ("eta", "share_", "slip_ratio")
+    # numbers of the slip forces' density trade off against each other; its mean and quantiles stand for them
+    shapes = ("eta", "share_", "slip_")
     chosen = [
         p.name
         for p in problem.prior.free

@@ -67,13 +67,8 @@ def psis_loo(log_likelihood: Array) -> Loo:
         found = az.loo(data, pointwise=True)  # type: ignore[no-untyped-call]
     old = hasattr(found, "elpd_loo")
     pointwise = np.asarray(found.loo_i if old else found.elpd_i, dtype=float).ravel()
-    return Loo(
-        float(found.elpd_loo if old else found.elpd),
-        float(found.se),
-        float(found.p_loo if old else found.p),
-        pointwise,
-        np.asarray(found.pareto_k, dtype=float).ravel(),
-    )
+    elpd, p = (found.elpd_loo, found.p_loo) if old else (found.elpd, found.p)
+    return Loo(float(elpd), float(found.se), float(p), pointwise, np.asarray(found.pareto_k, dtype=float).ravel())
 
 
 def leave_tests_out(posterior: Posterior, *, seed: int = 0, steps: int = 60) -> Loo:
@@ -102,14 +97,8 @@ def leave_tests_out(posterior: Posterior, *, seed: int = 0, steps: int = 60) -> 
         pointwise.append(float(value))
         ks.append(k if k < TRUSTED else np.nan)
     values = np.array(pointwise)
-    fit = logsumexp(whole) - np.log(len(whole))
-    return Loo(
-        float(values.sum()),
-        float(np.sqrt(len(values)) * values.std(ddof=1)),
-        float(fit - values.sum()),
-        values,
-        np.array(ks),
-    )
+    elpd, fit = float(values.sum()), logsumexp(whole) - np.log(len(whole))
+    return Loo(elpd, float(np.sqrt(len(values)) * values.std(ddof=1)), float(fit - elpd), values, np.array(ks))
 
 
 def without(problem: Problem, test: int) -> Problem:

@@ -47,14 +47,9 @@ def shrunk(specimens: Sequence[SpecimenDraws], found: Population) -> Mapping[str
         weight = np.exp(log_w)
         order = np.argsort(one.draws)
         upto = np.cumsum(weight[order]) - 0.5 * weight[order]
-        low, middle, high = np.interp([0.05, 0.5, 0.95], upto, one.draws[order])
-        out[one.name] = Shrunk(
-            q05=float(low),
-            q50=float(middle),
-            q95=float(high),
-            effective=float(1.0 / np.sum(weight**2)),
-            pareto_k=float(k),
-        )
+        low, middle, high = map(float, np.interp([0.05, 0.5, 0.95], upto, one.draws[order]))
+        effective = float(1.0 / np.sum(weight**2))
+        out[one.name] = Shrunk(q05=low, q50=middle, q95=high, effective=effective, pareto_k=float(k))
     return out
 
 

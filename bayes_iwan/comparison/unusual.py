@@ -43,9 +43,7 @@ def rank_unusual(populations: Mapping[str, Population]) -> tuple[Unusual, ...]:
     names = list(dict.fromkeys(n for p in populations.values() for n in p.names))
     if not names:
         return ()
-    score = np.full((len(names), len(populations)), np.nan)
-    centre = np.full_like(score, np.nan)
-    chance, error = np.full_like(score, np.nan), np.full_like(score, np.nan)
+    score, centre, chance, error = np.full((4, len(names), len(populations)), np.nan)
     for q, p in enumerate(populations.values()):
         rows = [names.index(n) for n in p.names]
         centre[rows, q], error[rows, q] = p.centre, p.error
@@ -54,15 +52,11 @@ def rank_unusual(populations: Mapping[str, Population]) -> tuple[Unusual, ...]:
     # others' mean, for which few specimens suffice
     out = _discovered(np.minimum(2.0 * np.fmin(chance, _moderated(centre, error)), 1.0))
     distance = _distances(score)
-    found = [
-        Unusual(
-            name=name,
-            distance=float(distance[i]),
-            scores={q: float(score[i, k]) for k, q in enumerate(populations) if np.isfinite(score[i, k])},
-            notable=tuple(q for k, q in enumerate(populations) if out[i, k]),
-        )
-        for i, name in enumerate(names)
-    ]
+    found = []
+    for i, name in enumerate(names):
+        scores = {q: float(score[i, k]) for k, q in enumerate(populations) if np.isfinite(score[i, k])}
+        notable = tuple(q for k, q in enumerate(populations) if out[i, k])
+        found.append(Unusual(name=name, distance=float(distance[i]), scores=scores, notable=notable))
     return tuple(sorted(found, key=lambda x: -x.distance))
 
 

@@ -55,11 +55,6 @@ ROUNDS: Final = 2
 #: what removes less of the friction force is not named: two sensors of one kind differ by as much
 LEAST_OF_FRICTION: Final = 0.001
 
-# ---- figures of an effect (assessment/indicators.py)
-
-#: sets without an effect that it is compared with on held-out tests
-OTHER_SETS: Final = 2
-
 # ---- numbers that no cause has (assessment/indicators.py)
 
 #: prior standard deviations beyond which a number is not plausible
@@ -83,8 +78,6 @@ LEAST_SHARE: Final = 0.02
 LEAST_MODEL_FORM: Final = 0.2
 #: gap over the friction force below which no cause in the base's form is named: so much every specimen differs
 LEAST_GAP: Final = 0.01
-#: share of what changes along the record that is reported
-LEAST_ALONG: Final = 0.2
 #: what a single record shows by itself: a line of the mains, a level that the force does not pass, a zero that moves
 SHOWN_BY_RECORD: Final = frozenset({"mains_interference", "force_clipping", "force_drift"})
 #: share of a gap, most of which has no name, that an effect must remove alone to be suspected, and how many are said

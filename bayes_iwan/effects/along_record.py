@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Records
+from bayes_iwan.effects.base import Effect, ExtraParameter, Records, form
 from bayes_iwan.effects.by_test import ByTest
 from bayes_iwan.effects.law_families import about
 
@@ -37,14 +37,8 @@ class ForceDrift(Effect):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "levelling": ExtraParameter(
-                "b",
-                "-",
-                "how far the drift has levelled off in the longest record",
-                about(0.0, 1.0),
-                -4.0,
-                4.0,
-                scan=False,
+            "levelling": form(
+                "b", "how far the drift has levelled off in the longest record", about(0.0, 1.0), -4.0, 4.0
             )
         }
 
@@ -126,9 +120,7 @@ class MainsInterference(ByTest):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            part: ExtraParameter(
-                symbol, "-", f"third harmonic over the first, {what}", about(0.0, 0.15), -0.9, 0.9, scan=False
-            )
+            part: form(symbol, f"third harmonic over the first, {what}", about(0.0, 0.15), -0.9, 0.9)
             for part, symbol, what in (("third_cosine", "c₃", "in step"), ("third_sine", "s₃", "a quarter turn late"))
         }
 

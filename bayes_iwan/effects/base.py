@@ -57,6 +57,13 @@ class ExtraParameter:
     scan: bool = True
 
 
+def form(
+    symbol: str, description: str, prior: Distribution, lower: float = -np.inf, upper: float = np.inf
+) -> ExtraParameter:
+    """A dimensionless parameter that changes a law's form about the classical one."""
+    return ExtraParameter(symbol, "-", description, prior, lower, upper, scan=False)
+
+
 class Records(Protocol):
     """What effects ask of a campaign's data: signals on each record's samples, averaged as its force was."""
 
@@ -196,7 +203,7 @@ class Effect:
                 raise EffectError(f"{cls.__name__}.{name} {former_names.renamed(name, former_names.EFFECT_MEMBERS)}")
 
     def first_guess(self) -> float:
-        """Any strength of the right order, from the campaign's scales: where calibration starts."""
+        """A strength of the right order, from the campaign's scales: where calibration starts."""
         raise NotImplementedError
 
     def possible(self, data: Records) -> bool:
@@ -358,13 +365,6 @@ def moved_by(motion: Motion, displacement_mm: Array) -> Motion:
     """The motion with another displacement (draws, loops, samples); how it changes the speeds is taken by central
     differences over the period, so that no change of displacement is no change of speed."""
     velocity, acceleration = np.empty_like(displacement_mm), np.empty_like(displacement_mm)
-    speeds_of_change(
-        displacement_mm,
-        np.ascontiguousarray(motion.displacement_mm),
-        np.ascontiguousarray(motion.velocity_m_s),
-        np.ascontiguousarray(motion.acceleration_m_s2),
-        0.5 * motion.frequency_hz * motion.samples,
-        velocity,
-        acceleration,
-    )
+    u, v, a = map(np.ascontiguousarray, (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2))
+    speeds_of_change(displacement_mm, u, v, a, 0.5 * motion.frequency_hz * motion.samples, velocity, acceleration)
     return motion.moved(displacement_mm, velocity, acceleration)

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Records
+from bayes_iwan.effects.base import Effect, ExtraParameter, Records, form
 from bayes_iwan.effects.law_families import about
 from bayes_iwan.models import Motion
 
@@ -44,9 +44,7 @@ class FollowsCondition(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         if not self.positive:
             return {}
-        return {
-            "form": ExtraParameter("q", "-", "0: a power law, 1: exponential", about(0.0, 0.4), -1.5, 1.5, scan=False)
-        }
+        return {"form": form("q", "0: a power law, 1: exponential", about(0.0, 0.4), -1.5, 1.5)}
 
     def condition_of(self, motion: Motion, parameter_values: ParameterValues) -> Array:
         """ξ of each loop, (draws, loops, 1)."""
@@ -85,9 +83,7 @@ class SlipFollowsCondition(FollowsCondition):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             **super().extra_parameters(),
-            "of_stiffness": ExtraParameter(
-                "s", "-", "share of it that the stiffness follows", about(0.0, 0.5), -2.0, 2.0, scan=False
-            ),
+            "of_stiffness": form("s", "share of it that the stiffness follows", about(0.0, 0.5), -2.0, 2.0),
         }
 
     def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered, form
 from bayes_iwan.effects.law_families import about, falling, growing, lognormal, lost_within, over_block, power_of
 
 
@@ -61,12 +61,8 @@ class StribeckWeakening(_OfSlipSpeed):
                 "v_s", "m/s", "slip speed over which the friction falls", lognormal(0.2 * self.scales.speed_m_s, 0.9)
             ),
             **self.memory(),
-            "exponent": ExtraParameter(
-                "δ", "-", "exponent of the speed", lognormal(1.0, 0.4), 0.3, 1.0 / 0.3, scan=False
-            ),
-            "tail": ExtraParameter(
-                "q", "-", "0: exponential, 1: Lorentzian for δ = 2", lognormal(0.05, 1.5), scan=False
-            ),
+            "exponent": form("δ", "exponent of the speed", lognormal(1.0, 0.4), 0.3, 1.0 / 0.3),
+            "tail": form("q", "0: exponential, 1: Lorentzian for δ = 2", lognormal(0.05, 1.5)),
         }
 
     def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -105,7 +101,7 @@ class RateStrengthening(_OfSlipSpeed):
                 "v₀", "m/s", "speed below which the friction is constant", lognormal(0.05 * self.scales.speed_m_s, 1.2)
             ),
             **self.memory(),
-            "power": ExtraParameter("q", "-", "0: logarithm, 1: proportional", about(0.0, 0.3), -0.9, 0.9, scan=False),
+            "power": form("q", "0: logarithm, 1: proportional", about(0.0, 0.3), -0.9, 0.9),
         }
 
     def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -146,22 +142,12 @@ class FrictionFade(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "cycles": ExtraParameter("n₀", "-", "cycles over which it fades", lognormal(15.0, 1.0), 0.5, 2000.0),
-            "tail": ExtraParameter(
-                "q", "-", "0: exponential, 1: hyperbolic, large: logarithm", lognormal(0.1, 1.8), scan=False
-            ),
-            "recovery": ExtraParameter(
-                "r", "-", "pace of the recovery over that of the fade", lognormal(0.01, 1.8), scan=False
-            ),
-            "by_stroke": ExtraParameter(
-                "m", "-", "power of the amplitude in the pace", about(0.0, 0.7), -3.0, 3.0, scan=False
-            ),
-            "by_time": ExtraParameter("h", "-", "0: by cycles, 1: by time", about(0.0, 0.6), -2.5, 2.5, scan=False),
-            "by_power": ExtraParameter(
-                "p", "-", "power of amplitude × frequency in the loss", about(0.0, 0.6), -2.5, 2.5, scan=False
-            ),
-            "of_stiffness": ExtraParameter(
-                "s", "-", "share of the loss that the stiffness follows", about(0.0, 0.4), -1.5, 1.5, scan=False
-            ),
+            "tail": form("q", "0: exponential, 1: hyperbolic, large: logarithm", lognormal(0.1, 1.8)),
+            "recovery": form("r", "pace of the recovery over that of the fade", lognormal(0.01, 1.8)),
+            "by_stroke": form("m", "power of the amplitude in the pace", about(0.0, 0.7), -3.0, 3.0),
+            "by_time": form("h", "0: by cycles, 1: by time", about(0.0, 0.6), -2.5, 2.5),
+            "by_power": form("p", "power of amplitude × frequency in the loss", about(0.0, 0.6), -2.5, 2.5),
+            "of_stiffness": form("s", "share of the loss that the stiffness follows", about(0.0, 0.4), -1.5, 1.5),
         }
 
     def left(self, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -215,16 +201,10 @@ class SpringSoftening(Effect):
         cycle_s = 2e-3 * np.pi * self.scales.length_mm / self.scales.speed_m_s
         return {
             "tau_s": ExtraParameter("τ", "s", "time over which they soften", lognormal(15.0 * cycle_s, 1.0)),
-            "tail": ExtraParameter(
-                "q", "-", "0: exponential, 1: hyperbolic, large: logarithm", lognormal(0.1, 1.8), scan=False
-            ),
-            "by_cycles": ExtraParameter("m", "-", "0: by time, 1: by cycles", about(0.0, 0.6), -2.5, 2.5, scan=False),
-            "by_power": ExtraParameter(
-                "p", "-", "power of amplitude × frequency in the loss", about(0.0, 0.6), -2.5, 2.5, scan=False
-            ),
-            "by_amplitude": ExtraParameter(
-                "r", "-", "power of the amplitude in the loss beside that", about(0.0, 0.4), -2.0, 2.0, scan=False
-            ),
+            "tail": form("q", "0: exponential, 1: hyperbolic, large: logarithm", lognormal(0.1, 1.8)),
+            "by_cycles": form("m", "0: by time, 1: by cycles", about(0.0, 0.6), -2.5, 2.5),
+            "by_power": form("p", "power of amplitude × frequency in the loss", about(0.0, 0.6), -2.5, 2.5),
+            "by_amplitude": form("r", "power of the amplitude in the loss beside that", about(0.0, 0.4), -2.0, 2.0),
         }
 
     def left(self, motion: Motion, parameter_values: ParameterValues) -> Array:

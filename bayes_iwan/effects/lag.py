@@ -3,7 +3,7 @@
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered, form
 from bayes_iwan.effects.law_families import about, decay_over_block, lognormal
 from bayes_iwan.models.kernels.relaxing import relaxed
 
@@ -27,11 +27,7 @@ class NormalForceLag(Effect):
         return 2e-4 * self.scales.length_mm / self.scales.speed_m_s
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        return {
-            "release": ExtraParameter(
-                "r", "-", "log ratio of the times of falling and rising", about(0.0, 0.6), -2.5, 2.5, scan=False
-            )
-        }
+        return {"release": form("r", "log ratio of the times of falling and rising", about(0.0, 0.6), -2.5, 2.5)}
 
     def late(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         """α long after the start, shaped as `alpha` (draws, loops, samples), but for its floor."""
@@ -69,9 +65,7 @@ class NormalForceLagFromStart(NormalForceLag):
             "start": ExtraParameter(
                 "Δα₀", "-", "how far the normal force is off its steady level at a record's start", about(0.0, 0.3)
             ),
-            "slow_share": ExtraParameter(
-                "s", "-", "share of the normal force that follows slowly", about(0.0, 0.3), 0.0, 0.95, scan=False
-            ),
+            "slow_share": form("s", "share of the normal force that follows slowly", about(0.0, 0.3), 0.0, 0.95),
             "slow_ratio": ExtraParameter("ρ", "-", "the slow part's time over τ", lognormal(5.0, 1.0), 1.0, 200.0),
             **super().extra_parameters(),
         }

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered, form
 from bayes_iwan.effects.law_families import about, decay_over_block, lognormal, power_of
 
 
@@ -30,11 +30,7 @@ class ChannelDelay(Effect):
         return 5e-5 * self.scales.length_mm / self.scales.speed_m_s
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        return {
-            "dispersion": ExtraParameter(
-                "p", "-", "growth of the delay with frequency, as a power", about(0.0, 0.2), -0.9, 0.9, scan=False
-            )
-        }
+        return {"dispersion": form("p", "growth of the delay with frequency, as a power", about(0.0, 0.2), -0.9, 0.9)}
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         delay, p = self.get(parameter_values, "delay_s"), self.get(parameter_values, "dispersion")
@@ -53,16 +49,12 @@ def _highpass(f: Array, corner_hz: Array, second: Array, kept: Array) -> np.ndar
 
 
 def _second(sd: float) -> ExtraParameter:
-    return ExtraParameter(
-        "q", "-", "0: first order, ¼: two equal poles, ½: Butterworth of order 2", about(0.0, sd), -0.7, 0.7, scan=False
-    )
+    return form("q", "0: first order, ¼: two equal poles, ½: Butterworth of order 2", about(0.0, sd), -0.7, 0.7)
 
 
 def _kept() -> ExtraParameter:
     """A shelf: a leak that another resistance bounds, a charge amplifier that is coupled to DC in part."""
-    return ExtraParameter(
-        "g", "-", "share that is left far below the corner; 0: none", about(0.0, 0.08), -0.5, 0.5, scan=False
-    )
+    return form("g", "share that is left far below the corner; 0: none", about(0.0, 0.08), -0.5, 0.5)
 
 
 class IntegrationHighpass(Effect):
@@ -156,14 +148,11 @@ class ForceHighpassFromStart(ForceHighpass):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             **super().extra_parameters(),
-            "held_cycles": ExtraParameter(
-                "n₀", "-", "cycles before the record since which the mean force was held",
-                lognormal(6.0, 0.8), 0.0, 200.0, scan=False,
+            "held_cycles": form(
+                "n₀", "cycles before the record since which the mean force was held", lognormal(6.0, 0.8), 0.0, 200.0
             ),
-            "held_share": ExtraParameter(
-                "m", "-", "that mean force over the model's", about(1.0, 0.5), -2.0, 4.0, scan=False
-            ),
-        }  # fmt: skip
+            "held_share": form("m", "that mean force over the model's", about(1.0, 0.5), -2.0, 4.0),
+        }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         corner, second, kept, held, share = (
@@ -272,12 +261,8 @@ class ForceClipping(Effect):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "softness": ExtraParameter(
-                "s", "-", "0: hard, ½: soft saturation", lognormal(0.03, 1.0), 2e-3, 1.0, scan=False
-            ),
-            "unequal": ExtraParameter(
-                "b", "-", "0: both signs limited alike; else an offset range", about(0.0, 0.2), -1.0, 1.0, scan=False
-            ),
+            "softness": form("s", "0: hard, ½: soft saturation", lognormal(0.03, 1.0), 2e-3, 1.0),
+            "unequal": form("b", "0: both signs limited alike; else an offset range", about(0.0, 0.2), -1.0, 1.0),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:

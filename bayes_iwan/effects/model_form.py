@@ -16,6 +16,8 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.models import Motion, series
 from bayes_iwan.models.parameter import Parameter
 
+_ROOT = "root of the coefficients' sum of squares: "
+
 
 class _Series(Effect):
     """An effect whose strength is a handful of signed coefficients, each smaller than the last by `decay`."""
@@ -47,12 +49,7 @@ class SlipForcesFree(_Series):
     name = "slip_forces_free"
     statement = "the slip forces are not of the base's family (a mixture of three gammas)"
     law = "density × exp(Σ c_k π_k(F))/Z, π_1 … π_5 the Legendre polynomials of the share F that slips earlier"
-    strength = (
-        "deviation",
-        "c",
-        "-",
-        "root of the coefficients' sum of squares: by about that share the density differs",
-    )
+    strength = ("deviation", "c", "-", _ROOT + "by about that share the density differs")
     terms = tuple(
         (f"c{k}", f"c{k}", f"Legendre coefficient {k} of the log density over its quantiles") for k in range(1, 6)
     )
@@ -77,12 +74,7 @@ class StiffnessLawFree(_Series):
     name = "stiffness_law_free"
     statement = "the elements' stiffness does not follow the normal force as Eq. (12) has it"
     law = "k(α)·exp(a·ln α + ½b·ln²α)"
-    strength = (
-        "deviation",
-        "a, b",
-        "-",
-        "root of the coefficients' sum of squares: change of the elasticity d ln k / d ln α",
-    )
+    strength = ("deviation", "a, b", "-", _ROOT + "change of the elasticity d ln k / d ln α")
     terms = (
         ("exponent", "a", "change of d ln k / d ln α at α = 1"),
         ("growth", "b", "growth of d ln k / d ln α with ln α"),
@@ -107,12 +99,7 @@ class NormalForceFree(_Series):
     name = "normal_force_free"
     statement = "the normal force does not follow the motion as Eq. (11) has it"
     law = "α·exp(Σ c·{u, u², |u̇|, u|u̇|, u̇, u u̇}), u and u̇ in the campaign's largest amplitude and speed"
-    strength = (
-        "deviation",
-        "c",
-        "-",
-        "root of the coefficients' sum of squares: by about that share the normal force differs",
-    )
+    strength = ("deviation", "c", "-", _ROOT + "by about that share the normal force differs")
     terms = (
         ("u", "c_u", "slope over the displacement"),
         ("u2", "c_uu", "curvature over the displacement"),

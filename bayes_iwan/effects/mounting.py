@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Inner, Motion, moved_by
+from bayes_iwan.effects.base import Effect, ExtraParameter, Inner, Motion, form, moved_by
 from bayes_iwan.models.kernels import pointwise
 
 #: a motion in series is solved for until the residual displacement (RMS) of every loop is within this share of its
@@ -36,20 +36,11 @@ class RigCompliance(Effect):
         return 0.02 * self.scales.length_mm / self.scales.force_N
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
+        ratio, first = stats.lognorm(s=0.7, scale=1.0), stats.lognorm(s=0.35, scale=0.4 * self.scales.force_N)
         return {
-            "soft_ratio": ExtraParameter(
-                "ρ",
-                "-",
-                "compliance at small forces over that at large ones",
-                stats.lognorm(s=0.7, scale=1.0),
-            ),
-            "soft_N": ExtraParameter(
-                "F₁",
-                "N",
-                "force over which a soft first part closes",  # over much less it is a play with soft ends
-                stats.lognorm(s=0.35, scale=0.4 * self.scales.force_N),
-                scan=False,
-            ),
+            "soft_ratio": ExtraParameter("ρ", "-", "compliance at small forces over that at large ones", ratio),
+            # closing over much less force is a play with soft ends
+            "soft_N": ExtraParameter("F₁", "N", "force over which a soft first part closes", first, scan=False),
         }
 
     def around(self, inner: Inner, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -175,14 +166,8 @@ class FreePlay(Effect):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "softness": ExtraParameter(
-                "w",
-                "-",
-                "way over which the ends close, over half the play",
-                stats.lognorm(s=1.0, scale=0.05),
-                1e-4,
-                1.0,
-                scan=False,
+            "softness": form(
+                "w", "way over which the ends close, over half the play", stats.lognorm(s=1.0, scale=0.05), 1e-4, 1.0
             )
         }
 

@@ -91,9 +91,7 @@ class SpeedDependentNormalForce(Effect):
 class StiffnessOfNormalForce(Effect):
     name = "stiffness_of_normal_force"
     strength = (
-        "elasticity",
-        "ε",
-        "-",
+        *("elasticity", "ε", "-"),
         "d ln k / d ln α at α = 1; 1: the stiffness is proportional to the normal force",
     )
     limit = 1.0 - 1e-4

@@ -3,11 +3,22 @@
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered, form
 from bayes_iwan.effects.law_families import about, lognormal, power_of
 
 
-class ViscousDamping(Effect):
+class _AddedForce(Effect):
+    """An effect that adds a force of its own parameters and the motion alone."""
+
+    def added_N(self, motion: Motion, own: ParameterValues) -> Array:
+        """(draws, loops, samples), N."""
+        raise NotImplementedError
+
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return force_N + self.own(lambda own: self.added_N(motion, own), motion, parameter_values)
+
+
+class ViscousDamping(_AddedForce):
     name = "viscous_damping"
     needs_clock = True
     # p = 2 is omitted: the drag of fluid pushed through a gap is another mechanism
@@ -35,34 +46,23 @@ class ViscousDamping(Effect):
         return 0.1 * self.scales.slip_N / (1e3 * self.scales.speed_m_s)
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
+        what = "speed from which the power holds, below it the force is proportional to the speed"
         return {
-            "exponent": ExtraParameter("p", "-", "power of the speed", lognormal(1.0, 0.25), 0.3, 1.65, scan=False),
-            "thinning_m_s": ExtraParameter(
-                "v₁",
-                "m/s",
-                "speed from which the power holds, below it the force is proportional to the speed",
-                lognormal(0.1 * self.scales.speed_m_s, 1.5),
-                scan=False,
-            ),
-            "one_way": ExtraParameter(
-                "s", "-", "difference of rising and falling u over their sum", about(0.0, 0.25), -1.0, 1.0, scan=False
-            ),
+            "exponent": form("p", "power of the speed", lognormal(1.0, 0.25), 0.3, 1.65),
+            "thinning_m_s": ExtraParameter("v₁", "m/s", what, lognormal(0.1 * self.scales.speed_m_s, 1.5), scan=False),
+            "one_way": form("s", "difference of rising and falling u over their sum", about(0.0, 0.25), -1.0, 1.0),
         }
 
-    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def added_N(self, motion: Motion, own: ParameterValues) -> Array:
         top = self.scales.speed_m_s
-
-        def drag_N(own: ParameterValues) -> Array:
-            from_m_s = self.get(own, "thinning_m_s")
-            thinned = (from_m_s**2 + motion.speed_m_s**2) / (from_m_s**2 + top**2)
-            grown = motion.speed_m_s / top * power_of(thinned, 0.5 * (self.get(own, "exponent") - 1.0))
-            way = np.sign(motion.velocity_m_s) + self.get(own, "one_way")
-            return (self.get(own, "c_N_s_mm") * 1e3 * top) * way * grown
-
-        return force_N + self.own(drag_N, motion, parameter_values)
+        from_m_s = self.get(own, "thinning_m_s")
+        thinned = (from_m_s**2 + motion.speed_m_s**2) / (from_m_s**2 + top**2)
+        grown = motion.speed_m_s / top * power_of(thinned, 0.5 * (self.get(own, "exponent") - 1.0))
+        way = np.sign(motion.velocity_m_s) + self.get(own, "one_way")
+        return (self.get(own, "c_N_s_mm") * 1e3 * top) * way * grown
 
 
-class MaxwellBranch(Effect):
+class MaxwellBranch(_AddedForce):
     name = "maxwell_branch"
     needs_clock = True
     law = "k·(iωτ)^a/(1 + (iωτ)^a); a = 1: one relaxation time, less: a spread of them (fractional Maxwell)"
@@ -89,31 +89,21 @@ class MaxwellBranch(Effect):
             "tau_s": ExtraParameter(
                 "τ", "s", "relaxation time", lognormal(1.5 * radian_s, 1.2), 0.02 * radian_s, 150.0 * radian_s
             ),
-            "spread": ExtraParameter(
-                "a",
-                "-",
-                "fractional order: 1 one relaxation time, less a spread",
-                about(1.0, 0.2),
-                0.3,
-                1.0,  # beyond it such a branch would ring as a mass does
-                scan=False,
-            ),
+            # beyond order 1 such a branch would ring as a mass does
+            "spread": form("a", "fractional order: 1 one relaxation time, less a spread", about(1.0, 0.2), 0.3, 1.0),
         }
 
-    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        def branch_N(own: ParameterValues) -> Array:
-            tau, order = self.get(own, "tau_s"), self.get(own, "spread")
+    def added_N(self, motion: Motion, own: ParameterValues) -> Array:
+        tau, order = self.get(own, "tau_s"), self.get(own, "spread")
 
-            def response(f: Array) -> Array:
-                s = power_of(2.0 * np.pi * f * tau, order) * np.exp(0.5j * np.pi * order)
-                return np.where(f > 0.0, s / (1.0 + s), 0.0)
+        def response(f: Array) -> Array:
+            s = power_of(2.0 * np.pi * f * tau, order) * np.exp(0.5j * np.pi * order)
+            return np.where(f > 0.0, s / (1.0 + s), 0.0)
 
-            return self.get(own, "k_N_mm") * filtered(motion.displacement_mm, motion.frequency_hz, response)
-
-        return force_N + self.own(branch_N, motion, parameter_values)
+        return self.get(own, "k_N_mm") * filtered(motion.displacement_mm, motion.frequency_hz, response)
 
 
-class MovingMass(Effect):
+class MovingMass(_AddedForce):
     name = "moving_mass"
     needs_clock = True
     law = "m·ü/(1 − r² + 2iζr), r = f/f_m of the mount that holds the mass, ζ its damping; f_m → ∞: m·ü"
@@ -138,25 +128,20 @@ class MovingMass(Effect):
             "period_s": ExtraParameter(
                 "1/f_m", "s", "natural period of the mass on its mount", lognormal(0.07 / top_hz, 1.1)
             ),
-            "damping": ExtraParameter(
-                "ζ", "-", "damping ratio of the mount", lognormal(0.12, 0.8), 0.0, 1.0, scan=False
-            ),
+            "damping": form("ζ", "damping ratio of the mount", lognormal(0.12, 0.8), 0.0, 1.0),
         }
 
-    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        def inertia_N(own: ParameterValues) -> Array:
-            period, damping = self.get(own, "period_s"), self.get(own, "damping")
+    def added_N(self, motion: Motion, own: ParameterValues) -> Array:
+        period, damping = self.get(own, "period_s"), self.get(own, "damping")
 
-            def response(f: Array) -> Array:
-                r = f * period
-                return 1.0 / (1.0 - r * r + 2j * damping * r)
+        def response(f: Array) -> Array:
+            r = f * period
+            return 1.0 / (1.0 - r * r + 2j * damping * r)
 
-            return self.get(own, "m_kg") * filtered(motion.acceleration_m_s2, motion.frequency_hz, response)
-
-        return force_N + self.own(inertia_N, motion, parameter_values)
+        return self.get(own, "m_kg") * filtered(motion.acceleration_m_s2, motion.frequency_hz, response)
 
 
-class QuadraticStiffness(Effect):
+class QuadraticStiffness(_AddedForce):
     name = "quadratic_stiffness"
     law = (
         "k₂·ℓ²·|u/ℓ|^n·(1 + b·sgn u), ℓ the campaign's largest amplitude; n = 2: quadratic, b = ±1: on one side alone, "
@@ -176,24 +161,18 @@ class QuadraticStiffness(Effect):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "exponent": ExtraParameter("n", "-", "power of |u|", about(2.0, 0.4), 1.05, 2.95, scan=False),
-            "one_sided": ExtraParameter(
-                "b", "-", "0: both sides alike, ±1: one side alone", about(0.0, 0.4), -1.2, 1.2, scan=False
-            ),
+            "exponent": form("n", "power of |u|", about(2.0, 0.4), 1.05, 2.95),
+            "one_sided": form("b", "0: both sides alike, ±1: one side alone", about(0.0, 0.4), -1.2, 1.2),
         }
 
-    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def added_N(self, motion: Motion, own: ParameterValues) -> Array:
         length, u = self.scales.length_mm, motion.displacement_mm
-
-        def spring_N(own: ParameterValues) -> Array:
-            grown = power_of(u / length, self.get(own, "exponent"))
-            side = 1.0 + self.get(own, "one_sided") * np.sign(u)
-            return (self.get(own, "k2_N_mm2") * length**2) * grown * side
-
-        return force_N + self.own(spring_N, motion, parameter_values)
+        grown = power_of(u / length, self.get(own, "exponent"))
+        side = 1.0 + self.get(own, "one_sided") * np.sign(u)
+        return (self.get(own, "k2_N_mm2") * length**2) * grown * side
 
 
-class CubicStiffness(Effect):
+class CubicStiffness(_AddedForce):
     name = "cubic_stiffness"
     law = "k₃·ℓ³·|u/ℓ|^n·sgn u, ℓ the campaign's largest amplitude; n = 3: cubic"
     strength = ("k3_N_mm3", "k₃", "N/mm³", "cubic stiffness (the force at u = ℓ over ℓ³)")
@@ -211,16 +190,12 @@ class CubicStiffness(Effect):
         return 0.1 * self.scales.slip_N / self.scales.length_mm**3
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        return {"exponent": ExtraParameter("n", "-", "power of |u|", about(3.0, 0.7), 1.3, 4.7, scan=False)}
+        return {"exponent": form("n", "power of |u|", about(3.0, 0.7), 1.3, 4.7)}
 
-    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def added_N(self, motion: Motion, own: ParameterValues) -> Array:
         length, u = self.scales.length_mm, motion.displacement_mm
-
-        def spring_N(own: ParameterValues) -> Array:
-            grown = np.sign(u) * power_of(u / length, self.get(own, "exponent"))
-            return (self.get(own, "k3_N_mm3") * length**3) * grown
-
-        return force_N + self.own(spring_N, motion, parameter_values)
+        grown = np.sign(u) * power_of(u / length, self.get(own, "exponent"))
+        return (self.get(own, "k3_N_mm3") * length**3) * grown
 
 
 class TrilinearStiffness(CubicStiffness):
@@ -233,29 +208,23 @@ class TrilinearStiffness(CubicStiffness):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "knee": ExtraParameter("x₀", "-", "where the slope changes, over ℓ", about(0.5, 0.25), 0.05, 0.95),
-            "width": ExtraParameter(
-                "w", "-", "half width of the change of slope, over ℓ", lognormal(0.1, 0.7), 0.01, 0.6, scan=False
-            ),
+            "width": form("w", "half width of the change of slope, over ℓ", lognormal(0.1, 0.7), 0.01, 0.6),
         }
 
-    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def added_N(self, motion: Motion, own: ParameterValues) -> Array:
         length, u = self.scales.length_mm, motion.displacement_mm
+        knee, width = self.get(own, "knee"), self.get(own, "width")
 
-        def spring_N(own: ParameterValues) -> Array:
-            knee, width = self.get(own, "knee"), self.get(own, "width")
+        def beyond(x: Array) -> Array:
+            """Rounded max(x − x₀, 0), its value and its slope at 0 taken off, for these are the linear spring's."""
+            hard = np.logaddexp(0.0, (x - knee) / width) - np.logaddexp(0.0, -knee / width)
+            return width * hard - x / (1.0 + np.exp(knee / width))
 
-            def beyond(x: Array) -> Array:
-                """Rounded max(x − x₀, 0), its value and its slope at 0 taken off, for these are the linear spring's."""
-                hard = np.logaddexp(0.0, (x - knee) / width) - np.logaddexp(0.0, -knee / width)
-                return width * hard - x / (1.0 + np.exp(knee / width))
-
-            shape = np.sign(u) * beyond(np.abs(u) / length) / beyond(np.ones(1))
-            return (self.get(own, "k3_N_mm3") * length**3) * shape
-
-        return force_N + self.own(spring_N, motion, parameter_values)
+        shape = np.sign(u) * beyond(np.abs(u) / length) / beyond(np.ones(1))
+        return (self.get(own, "k3_N_mm3") * length**3) * shape
 
 
-class _Contact(Effect):
+class _Contact(_AddedForce):
     """A contact beyond a clearance: k·p·(d/p)^e·(1 + λ ḋ) of the way d into it, its secant stiffness k at d = p, a
     tenth of ℓ."""
 
@@ -274,27 +243,15 @@ class _Contact(Effect):
         return self.scales.slip_N / self.scales.length_mm
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        a = self.scales.length_mm
+        a, loss = self.scales.length_mm, "loss of the contact: its force grows by λ times the speed into it"
         return {
             "clearance_mm": ExtraParameter(
                 "g", "mm", "displacement at which contact begins", lognormal(0.75 * a, 0.35), 0.02 * a, 0.99 * a
             ),
-            "exponent": ExtraParameter(
-                "e",
-                "-",
-                "exponent of the contact: 1 a spring, 3/2 round bodies",
-                lognormal(1.2, 0.22),
-                0.8,
-                2.5,
-                scan=False,
+            "exponent": form(
+                "e", "exponent of the contact: 1 a spring, 3/2 round bodies", lognormal(1.2, 0.22), 0.8, 2.5
             ),
-            "loss_s_m": ExtraParameter(
-                "λ",
-                "s/m",
-                "loss of the contact: its force grows by λ times the speed into it",
-                lognormal(0.1 / self.scales.speed_m_s, 1.2),
-                scan=False,
-            ),
+            "loss_s_m": ExtraParameter("λ", "s/m", loss, lognormal(0.1 / self.scales.speed_m_s, 1.2), scan=False),
         }
 
     def push_N(self, into_mm: Array, speed_m_s: Array, parameter_values: ParameterValues) -> Array:
@@ -311,14 +268,11 @@ class EndStop(_Contact):
     signed = True
     signature = "nothing below the clearance; beyond it a one-sided force, all harmonics in phase, at all frequencies"
 
-    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        def contact_N(own: ParameterValues) -> Array:
-            k = self.get(own, "k_N_mm")
-            side = np.where(k < 0.0, -1.0, 1.0)
-            into = side * motion.displacement_mm - self.get(own, "clearance_mm")
-            return k * self.push_N(into, side * motion.velocity_m_s, own)
-
-        return force_N + self.own(contact_N, motion, parameter_values)
+    def added_N(self, motion: Motion, own: ParameterValues) -> Array:
+        k = self.get(own, "k_N_mm")
+        side = np.where(k < 0.0, -1.0, 1.0)
+        into = side * motion.displacement_mm - self.get(own, "clearance_mm")
+        return k * self.push_N(into, side * motion.velocity_m_s, own)
 
 
 class EndStops(_Contact):
@@ -326,13 +280,10 @@ class EndStops(_Contact):
     strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contacts")
     signature = "nothing in mid-stroke; beyond the clearance odd harmonics in phase, at every frequency alike"
 
-    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        def contacts_N(own: ParameterValues) -> Array:
-            u = motion.displacement_mm
-            into = np.abs(u) - self.get(own, "clearance_mm")
-            return self.get(own, "k_N_mm") * np.sign(u) * self.push_N(into, np.sign(u) * motion.velocity_m_s, own)
-
-        return force_N + self.own(contacts_N, motion, parameter_values)
+    def added_N(self, motion: Motion, own: ParameterValues) -> Array:
+        u = motion.displacement_mm
+        into = np.abs(u) - self.get(own, "clearance_mm")
+        return self.get(own, "k_N_mm") * np.sign(u) * self.push_N(into, np.sign(u) * motion.velocity_m_s, own)
 
 
 EFFECTS: tuple[type[Effect], ...] = (

@@ -119,12 +119,7 @@ def card_of(device: Device, source: Source) -> Card:
         model=problem.model.name,
         method=source.method,
         draws=device.sets - 1,
-        units={
-            "displacement": units.displacement,
-            "force": units.force,
-            "velocity": units.velocity,
-            "stretch": stretch,
-        },
+        units={n: getattr(units, n) for n in ("displacement", "force", "velocity")} | {"stretch": stretch},
         tests=len(loops),
         amplitude_mm=amplitude,
         frequency_hz=span(problem.motion.frequency_hz) if clock else None,

@@ -42,18 +42,11 @@ class Source:
 class Device:
     """An identified device, for any motion in time.
 
-    Attributes
-    ----------
-    parameters
-        (sets,) or (sets, n) each, by C name; set 0 is the point estimate, the others draws.
-    tables, top_N
-        (sets, cells, 4) cubics of L(φ) = E[min(Φ, φ)] and (sets,) where they end, as the sliders' kernel reads them.
-    stages
-        C statements of each stage, in order.
-    states
-        length and value at rest of what the stages remember.
-    named, omitted
-        effects in the device with a note each ("" where its law is as identified), and those omitted, with the reason.
+    parameters : (sets,) or (sets, n) each, by C name; set 0 is the point estimate, the others draws. tables, top_N :
+    (sets, cells, 4) cubics of L(φ) = E[min(Φ, φ)] and (sets,) where they end, as the sliders' kernel reads them. stages
+    : C statements of each stage, in order. states : length and value at rest of what the stages remember. named,
+    omitted : effects in the device with a note each ("" where its law is as identified), and those omitted, with the
+    reason.
     """
 
     parameters: dict[str, Array] = field(default_factory=dict)
@@ -115,9 +108,9 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
         parameters=parameters,
         tables=np.ascontiguousarray(tables),
         top_N=top,
-        stages={name: tuple(code) for name, code in stages.items()},
         states=states,
         named=named,
+        stages={name: tuple(code) for name, code in stages.items()},
         omitted=omitted,
     )
 
@@ -157,8 +150,7 @@ def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[st
         alpha.append(f"alpha *= exp(p->{embedded_error.CORNER_NAME} / (1.0 + {at_corner} * {at_corner}));")
         stages["stiffness"].append(f"k *= exp(p->{embedded_error.STIFFNESS_NAME} * log(alpha));")
     if law.name == "constant" and not floored:  # α is 1, so k is k(1) whatever the law of the stiffness
-        keep = model.embedded and np.any(parameters[embedded_error.CORNER_NAME] != 0.0)
-        if not keep:
+        if not (model.embedded and np.any(parameters[embedded_error.CORNER_NAME] != 0.0)):
             alpha.clear()
             stages["stiffness"].clear()
     return parameters, stages

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
 from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 
 from bayes_iwan.campaign import Campaign, read_campaign
 from bayes_iwan.errors import nearest
-from bayes_iwan.export import c_code, drake, fmu, json_file, mujoco, opensees
+from bayes_iwan.export import c_code, fmu, json_file, multibody, opensees
 from bayes_iwan.export.card import Card, card_of
 from bayes_iwan.export.device import Device, ExportError, Source, device_of
 from bayes_iwan.files import finite, reading, swapped, write_whole
@@ -98,10 +97,7 @@ def export(
 
 
 #: what any target writes
-OWN = {
-    c_code.NAME, "isolator.py", *fmu.NAMES, *mujoco.NAMES, *drake.NAMES, *opensees.NAMES, json_file.NAME,
-    CARD_TEXT, CARD_JSON,
-}  # fmt: skip
+OWN = {c_code.NAME, "isolator.py", *fmu.NAMES, *multibody.NAMES, *opensees.NAMES, json_file.NAME, CARD_TEXT, CARD_JSON}
 
 
 def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[dict[str, str | bytes], Card]:
@@ -120,13 +116,8 @@ def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[
         card = replace(card, discretisation=opensees.DISCRETISATION, step=opensees.STEP)
         springs, notes = opensees.files(device, problem, source.z, card, approximate=approximate, error=error)
         return {**springs}, replace(card, target=notes)
-    beside: dict[str, Callable[[Device, Card], tuple[dict[str, str | bytes], tuple[str, ...]]]] = {
-        "c": lambda device, card: ({}, ()),
-        "fmu": fmu.files,
-        "mujoco": mujoco.files,
-        "drake": drake.files,
-    }
-    more, notes = beside[to](device, card)
+    beside = {"fmu": fmu.files, "mujoco": multibody.mujoco_files, "drake": multibody.drake_files}
+    more, notes = beside[to](device, card) if to in beside else ({}, ())
     card = replace(card, target=notes)
     files = {c_code.NAME: c_code.c_source(device, card.text())} | more
     if to != "fmu":
@@ -135,10 +126,7 @@ def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[
 
 
 def source_of(
-    result: Posterior | Diagnosis | PathLike,
-    draws: int,
-    campaign: PathLike | None = None,
-    simulator: PathLike | None = None,
+    result: Posterior | Diagnosis | PathLike, draws: int, campaign: PathLike | None, simulator: PathLike | None
 ) -> Source:
     """Problem, point and draws of a result or of a run's folder. Raises ExportError for a run that did not converge."""
     if isinstance(result, Posterior):
@@ -202,7 +190,7 @@ def _of_fit(fit: Fit, campaign: Campaign | None, draws: int, seed: int, unexplai
         problem=fit.problem,
         z=np.concatenate([fit.z[None], fit.z + away]),
         campaign=campaign,
-        method="diagnosis: a Gaussian about the fit with all named effects",
         seed=seed,
+        method="diagnosis: a Gaussian about the fit with all named effects",
         unexplained=unexplained,
     )

@@ -117,13 +117,6 @@ _BUILD = """<?xml version="1.0" encoding="UTF-8"?>
 
 def _description(version: int, guid: str, card: Card, sets: int, amplitude: float) -> str:
     """modelDescription.xml of FMI 2.0 or 3.0."""
-    return filled(
-        template(f"fmi{version}.xml"),
-        {
-            "GUID": guid,
-            "ABOUT": escape(f"friction isolator {card.specimen}: {card.model}", quote=True),
-            "TOOL": f"bayes_iwan {card.version}",
-            "AMPLITUDE": repr(amplitude),
-            "LAST": str(sets - 1),
-        },
-    )
+    places = {"GUID": guid, "TOOL": f"bayes_iwan {card.version}", "AMPLITUDE": repr(amplitude), "LAST": str(sets - 1)}
+    about = escape(f"friction isolator {card.specimen}: {card.model}", quote=True)
+    return filled(template(f"fmi{version}.xml"), places | {"ABOUT": about})

@@ -22,7 +22,7 @@ from bayes_iwan.export.laws import OF_THE_RIG
 from bayes_iwan.files import finite, reading
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model, Motion, Scales
-from bayes_iwan.models.simulator import recorded_force
+from bayes_iwan.models.simulator import Modifier, recorded_force
 
 NAME: str = "isolator.json"
 SCHEMA = "bayes_iwan.export 1"
@@ -74,29 +74,24 @@ def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:
         "model": {n: getattr(model, n) for n in ("slip", "normal_force", "stiffness", "embedded")}
         if isinstance(model, Model)
         else {"simulator": model.name},
-        "effects": [
-            {"class": type(e).__name__, "name": e.name, "strength_value": e.strength_value}
-            | (
-                {"condition": e.condition, "values": list(e.values)}
-                if isinstance(e, conditions.FollowsCondition)
-                else {}
-            )
-            for e in kept
-        ],
+        "effects": [_said(e) for e in kept],
         "parameters": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "description": p.description,
-                "point": float(values[p.name][0]),
-                "draws": values[p.name][1:].tolist(),
-            }
+            {n: getattr(p, n) for n in ("name", "unit", "description")}
+            | {"point": float(values[p.name][0]), "draws": values[p.name][1:].tolist()}
             for p in inferred
         ],
         "names": free,
         "covariance": np.cov(draws).reshape(len(free), len(free)).tolist() if draws.shape[1] > 1 else None,
     }
     return {NAME: json.dumps(finite(out), indent=1) + "\n"}
+
+
+def _said(e: Modifier) -> dict[str, object]:
+    assert isinstance(e, Effect)
+    said: dict[str, object] = {"class": type(e).__name__, "name": e.name, "strength_value": e.strength_value}
+    if isinstance(e, conditions.FollowsCondition):
+        said |= {"condition": e.condition, "values": list(e.values)}
+    return said
 
 
 def read(path: Path) -> ExportedModel:
@@ -109,23 +104,15 @@ def read(path: Path) -> ExportedModel:
         if "simulator" in parts:
             raise ExportError(f"{path}: holds draws of {parts['simulator']}, a simulator of your own; read its numbers")
         scales = Scales(**stored["scales"])
-        model = Model(
-            scales.reference, parts["slip"], parts["normal_force"], parts["stiffness"], embedded=parts["embedded"]
-        )
-        values = {
-            former_names.parameters_in(str(p["name"])): np.array([p["point"], *p["draws"]], float)
-            for p in stored["parameters"]
-        }
+        laws = (parts["slip"], parts["normal_force"], parts["stiffness"])
+        model, now = Model(scales.reference, *laws, embedded=parts["embedded"]), former_names.parameters_in
+        values = {now(str(p["name"])): np.array([p["point"], *p["draws"]], float) for p in stored["parameters"]}
         covariance = np.zeros((0, 0)) if stored["covariance"] is None else np.array(stored["covariance"], float)
         if len({len(x) for x in values.values()}) != 1 or not all(np.isfinite(x).all() for x in values.values()):
             raise ValueError("parameters of different lengths, or not finite")
+        effects, names = _effects(stored["effects"], scales, model), tuple(now(str(n)) for n in stored["names"])
         return ExportedModel(
-            card=stored["card"],
-            model=model,
-            effects=_effects(stored["effects"], scales, model),
-            values=values,
-            names=tuple(former_names.parameters_in(str(n)) for n in stored["names"]),
-            covariance=covariance,
+            card=stored["card"], model=model, effects=effects, values=values, names=names, covariance=covariance
         )
 
 

@@ -278,10 +278,6 @@ LAWS: dict[type[Effect], Law] = {
     conditions.StiffnessFollowsCondition: Law(note="at the mean of the condition over the tests"),
 }
 
+_OF_CHANNELS = (*measuring_chain.EFFECTS, *along_record.EFFECTS)
 #: what belongs to the rig and its channels, not to the device: excluded, and the model card says so
-OF_THE_RIG: tuple[type[Effect], ...] = (
-    *measuring_chain.EFFECTS,
-    *along_record.EFFECTS,
-    mounting.RigCompliance,
-    conditions.ZeroFollowsCondition,
-)
+OF_THE_RIG: tuple[type[Effect], ...] = (*_OF_CHANNELS, mounting.RigCompliance, conditions.ZeroFollowsCondition)

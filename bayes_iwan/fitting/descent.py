@@ -73,25 +73,12 @@ def descend(
 ) -> Descent:
     """Lower ½‖residuals(x)‖² from every start, all in lock-step.
 
-    Parameters
-    ----------
-    residuals
-        maps (n, ndim) to (n, m), in units of their noise; a row that is not finite marks an x without a model.
-    starts, box
-        (starts, ndim), clipped into the box (ndim, 2); variables are of the order of one.
-    iterations
-        at most so many steps of each start.
-    known
-        (m, ndim) the Jacobian at the first start, where it is at hand.
-    enough
-        nats to which an optimum is sought.
-    give_up
-        whether starts are given up that will not reach the best one: where only the best optimum counts.
-
-    Raises
-    ------
-    LeastSquaresError
-        starts that are not finite, or residuals of another shape than (n, m).
+    residuals : maps (n, ndim) to (n, m), in units of their noise; a row that is not finite marks an x without a model.
+    starts, box : (starts, ndim), clipped into the box (ndim, 2); variables are of the order of one.
+    iterations : at most so many steps of each start. known : (m, ndim) the Jacobian at the first start, where it is at
+    hand. enough : nats to which an optimum is sought. give_up : whether starts are given up that will not reach the
+    best one: where only the best optimum counts.
+    Raises LeastSquaresError for starts that are not finite, or residuals of another shape than (n, m).
     """
     lower, upper = box.T
     x = np.clip(np.asarray(starts, dtype=float), lower, upper)

@@ -62,23 +62,10 @@ def genetic_search(
 ) -> GlobalOptimum:
     """Minimise `objective` in a box by a real-coded genetic algorithm.
 
-    Parameters
-    ----------
-    objective
-        maps (n, ndim) to (n,), lower is better.
-    bounds
-        (ndim, 2), finite.
-    first
-        (n, ndim), within the bounds: the best `members` of these are the first population.
-    members
-        size of the population.
-    max_evaluations
-        the search ends before it would ask for more.
-
-    Raises
-    ------
-    SearchError
-        unusable bounds, or no finite objective in the whole first population.
+    objective : maps (n, ndim) to (n,), lower is better. bounds : (ndim, 2), finite. first : (n, ndim), within the
+    bounds: the best `members` of these are the first population. members : size of the population. max_evaluations :
+    the search ends before it would ask for more.
+    Raises SearchError for unusable bounds, or no finite objective in the whole first population.
     """
     lower, upper = _box(bounds)
     ndim = len(lower)

@@ -169,8 +169,7 @@ class _Hysteretic(Simulator):
         stiffness = stats.lognorm(s=1.0, scale=scales.stiff_N_mm)
         force = stats.lognorm(s=0.8, scale=1.2 * scales.slip_N)
         return (
-            parallel_spring(scales),
-            force_zero(scales),
+            *(parallel_spring(scales), force_zero(scales)),
             Parameter("bw_k_N_mm", "k", "N/mm", "initial stiffness of the hysteretic part", stiffness),
             Parameter("bw_force_N", "Z", "N", "ultimate force of the hysteretic part", force),
             Parameter("bw_n", "n", "-", "sharpness of the knee", stats.lognorm(s=0.7, scale=1.0), 0.1, 10.0),

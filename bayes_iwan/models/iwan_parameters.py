@@ -207,13 +207,5 @@ def paper_values(model: Model, parameter_values: Mapping[str, Array]) -> Paramet
     return out
 
 
-PAPER_UNITS = {
-    "kp_N_mm": "N/mm",
-    "ki_N_mm": "N/mm",
-    "ku_N_mm": "N/mm",
-    "t1_N": "N",
-    "t2_N": "N",
-    "t3_N": "N",
-    "kn_1_mm": "1/mm^β",
-    "lambda_s_m": "s/m",
-}
+PAPER_UNITS = dict.fromkeys(("kp_N_mm", "ki_N_mm", "ku_N_mm"), "N/mm") | dict.fromkeys(("t1_N", "t2_N", "t3_N"), "N")
+PAPER_UNITS |= {"kn_1_mm": "1/mm^β", "lambda_s_m": "s/m"}

@@ -150,12 +150,12 @@ def sine_motion(*, frequency_hz: ArrayLike, amplitude_mm: ArrayLike, samples: in
 def record_motion(
     time_s: Array, displacement_mm: Array, *, frequency_hz: float = float("nan"), amplitude_mm: float | None = None
 ) -> Motion:
-    """Any motion (n,) from rest at u = 0; velocity by central differences. amplitude_mm is A of Eq. (11)."""
-    u = np.asarray(displacement_mm, float)
-    t = np.asarray(time_s, float)
+    """A motion (n,) from rest at u = 0; velocity by central differences. amplitude_mm is A of Eq. (11)."""
+    u, t = np.asarray(displacement_mm, float), np.asarray(time_s, float)
     v = 1e-3 * np.gradient(u, t)
     a = float(np.max(np.abs(u))) if amplitude_mm is None else amplitude_mm
     steps = np.diff(t)
+    step_s = steps[0] if np.allclose(steps, steps[0], rtol=1e-6, atol=0.0) else np.nan
     return Motion(
         displacement_mm=u[None, None],
         velocity_m_s=v[None, None],
@@ -165,7 +165,7 @@ def record_motion(
         cycle=np.zeros(1),
         test=np.zeros(1, dtype=np.int64),
         periodic=False,
-        step_s=np.array([steps[0] if np.allclose(steps, steps[0], rtol=1e-6, atol=0.0) else np.nan]),
+        step_s=np.array([step_s]),
     )
 
 
@@ -173,18 +173,20 @@ def motion_of(loops: Sequence[Loop], blocks: bool = False) -> Motion:
     """The loops' motion, one model loop each, or with `blocks` one for each block of cycles of each."""
     repeat = np.array([len(x.block_cycle) if blocks else 1 for x in loops])
 
-    def stacked(name: str) -> Array:
-        return np.repeat(np.stack([getattr(x, name) for x in loops]), repeat, axis=0)[None]
+    u, v, a = (
+        np.repeat(np.stack([getattr(x, name) for x in loops]), repeat, axis=0)[None]
+        for name in ("displacement_mm", "velocity_m_s", "acceleration_m_s2")
+    )
 
     cycle = np.concatenate([x.block_cycle if blocks else [x.block_cycle.mean()] for x in loops])
     stated = [name for name in loops[0].extras if all(name in x.extras for x in loops)]
     return Motion(
-        displacement_mm=stacked("displacement_mm"),
-        velocity_m_s=stacked("velocity_m_s"),
-        acceleration_m_s2=stacked("acceleration_m_s2"),
+        displacement_mm=u,
+        velocity_m_s=v,
+        acceleration_m_s2=a,
+        cycle=np.asarray(cycle, float),
         frequency_hz=np.repeat([x.frequency_hz for x in loops], repeat),
         amplitude_mm=np.repeat([x.amplitude_mm for x in loops], repeat),
-        cycle=np.asarray(cycle, float),
         test=np.repeat(np.arange(len(loops)), repeat),
         span_cycles=np.repeat([x.n_cycles for x in loops] / repeat, repeat),
         conditions={name: np.repeat([float(x.extras[name]) for x in loops], repeat) for name in stated},

@@ -84,20 +84,11 @@ class HuntCrossley:
         return ("normal_force_slope", "normal_force_rate", "beta") if self.speed else ("normal_force_slope", "beta")
 
     def alpha(self, parameter_values: ParameterValues, motion: Motion, reference: Reference, draws: int) -> Array:
-        out = np.empty((draws, motion.loops, motion.samples))
-        zero = math.log(reference.length_mm)
+        out, zero = np.empty((draws, motion.loops, motion.samples)), math.log(reference.length_mm)
         rate = parameter_values["normal_force_rate"] / reference.speed_m_s if self.speed else np.zeros(draws)
-        pointwise.hunt_crossley(
-            motion.log_penetration,
-            np.log(motion.amplitude_mm),
-            zero,
-            motion.speed_m_s,
-            parameter_values["normal_force_slope"],
-            rate,
-            parameter_values["beta"],
-            ALPHA_FLOOR,
-            out,
-        )
+        slope, beta = parameter_values["normal_force_slope"], parameter_values["beta"]
+        moved = (motion.log_penetration, np.log(motion.amplitude_mm), zero, motion.speed_m_s)
+        pointwise.hunt_crossley(*moved, slope, rate, beta, ALPHA_FLOOR, out)
         return out
 
 
@@ -119,10 +110,5 @@ def from_paper_hunt_crossley(kn: Array, lam: Array, beta: Array, reference: Refe
     return {"normal_force_slope": scaled * beta, "normal_force_rate": lam * scaled * reference.speed_m_s, "beta": beta}
 
 
-_ALL: tuple[NormalForce, ...] = (
-    Constant(),
-    HuntCrossley(True),
-    HuntCrossley(False),
-    *(Polynomial(d) for d in range(1, 7)),
-)
+_ALL: tuple[NormalForce, ...] = (Constant(), HuntCrossley(True), HuntCrossley(False), *map(Polynomial, range(1, 7)))
 LAWS: dict[str, NormalForce] = {law.name: law for law in _ALL}

@@ -39,12 +39,12 @@ class Scales:
     1.0
     """
 
-    length_mm: float  # largest amplitude
-    speed_m_s: float  # largest speed
-    force_N: float  # largest RMS force about its mean
-    slip_N: float  # largest dissipated energy / (4 amplitude): the mean slip force, were all to slip
-    soft_N_mm: float  # secant stiffness of the largest amplitude
-    stiff_N_mm: float  # stiffness after reversals, at least
+    length_mm: float
+    speed_m_s: float
+    force_N: float
+    slip_N: float
+    soft_N_mm: float
+    stiff_N_mm: float
 
     __repr__ = brief
 

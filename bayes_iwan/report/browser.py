@@ -25,14 +25,8 @@ _PLACES = (
 )
 #: nothing of a user's own browser is touched, and nothing is asked of a network
 OPTIONS = (
-    "--headless=new",
-    "--disable-gpu",
-    "--disable-quic",
-    "--disable-sync",
-    "--disable-extensions",
-    "--disable-component-update",
-    "--disable-background-networking",
-    "--no-first-run",
+    *(f"--disable-{x}" for x in ("gpu", "quic", "sync", "extensions", "component-update", "background-networking")),
+    *("--headless=new", "--no-first-run"),
     *(("--no-sandbox",) if getattr(os, "geteuid", lambda: 1)() == 0 else ()),  # Chromium's sandbox refuses root
 )
 PATIENCE_S = 180.0
@@ -52,13 +46,7 @@ def find_browser() -> str | None:
 
 
 def require_browser() -> str:
-    """The program, asked for before long work begins.
-
-    Raises
-    ------
-    BrowserError
-        there is none.
-    """
+    """The program, asked for before long work begins. Raises BrowserError where there is none."""
     if found := find_browser():
         return found
     raise BrowserError(
@@ -68,13 +56,7 @@ def require_browser() -> str:
 
 
 def print_pdf(page: Path, pdf: Path) -> Path:
-    """Print an HTML file into a PDF file; whole or not at all.
-
-    Raises
-    ------
-    BrowserError
-        no browser, or it did not print.
-    """
+    """Print an HTML file into a PDF file; whole or not at all. Raises BrowserError where no browser prints it."""
     browser = require_browser()
     with replacing(pdf) as temporary, tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         made = Path(profile) / "page.pdf"

@@ -18,23 +18,14 @@ def ranking_figure(comparison: Comparison) -> Figure:
     """Differences of expected log predictive density from the best family, with standard errors; residual shares."""
     rows = comparison.rows()
     n = len(rows)
-    figure, axes = subplots(
-        1, 2, 7.6, 0.32 * n + 1.2, **({} if on_phone() else {"sharey": True, "width_ratios": (1.5, 1)})
-    )
+    beside = {} if on_phone() else {"sharey": True, "width_ratios": (1.5, 1)}
+    figure, axes = subplots(1, 2, 7.6, 0.32 * n + 1.2, **beside)
     left, right = axes[0]
     at = np.arange(n)
     left.axvline(0.0, color="#777777", linewidth=0.7)
-    left.errorbar(
-        [r.difference for r in rows],
-        at,
-        xerr=[r.difference_se for r in rows],
-        linestyle="none",
-        marker="o",
-        color=BLUE,
-        elinewidth=1.2,
-        markersize=4.5,
-    )
-    spread = abs(min(r.difference for r in rows))
+    difference, error = [r.difference for r in rows], [r.difference_se for r in rows]
+    left.errorbar(difference, at, xerr=error, fmt="o", color=BLUE, elinewidth=1.2, markersize=4.5)
+    spread = abs(min(difference))
     if spread > 1500.0:  # poor families would squeeze the good ones into one point
         left.set_xscale("symlog", linthresh=10.0)
         left.set_xlim(-1.8 * spread, 10.0)
@@ -45,11 +36,11 @@ def ranking_figure(comparison: Comparison) -> Figure:
         ax.set_yticks(at, [fill(r.label, 22) if on_phone() else r.label for r in rows])
         ax.set_ylim(n - 0.4, -0.6)
     left.set_xlabel("difference of expected log\npredictive density ± SE")
-    right.barh(at, [100.0 * r.residual_share for r in rows], color=ORANGE, height=0.55)
-    for i, r in enumerate(rows):
-        right.text(100.0 * r.residual_share, i, f" {100.0 * r.residual_share:.2g} %", va="center", fontsize=7.5)
-    right.set_xlim(0.0, 1.25 * max(100.0 * r.residual_share for r in rows))
-    right.set_xlabel("RMS residual /\nRMS friction force (%)")
+    shares = [100.0 * r.residual_share for r in rows]
+    right.barh(at, shares, color=ORANGE, height=0.55)
+    for i, share in enumerate(shares):
+        right.text(share, i, f" {share:.2g} %", va="center", size="small")
+    right.set(xlim=(0.0, 1.25 * max(shares)), xlabel="RMS residual /\nRMS friction force (%)")
     right.grid(axis="y", visible=False)
     return figure
 
@@ -60,9 +51,8 @@ def tests_figure(comparison: Comparison) -> Figure:
     entries = [e for e in comparison.entries if e.tests is not None]
     best = entries[0]
     files = [x.file.removesuffix(".gz").removesuffix(".csv") for x in best.posterior.problem.loops]
-    table = np.array(
-        [e.tests.pointwise - best.tests.pointwise for e in entries if e.tests is not None and best.tests is not None]
-    )
+    pointwise = [e.tests.pointwise for e in entries if e.tests is not None]
+    table = np.array(pointwise) - pointwise[0]
     figure, axes = subplots(1, 1, 7.6, 0.36 * len(entries) + 1.4)
     ax = axes[0, 0]
     reach = max(float(np.quantile(np.abs(table), 0.9)), 1.0)
@@ -105,9 +95,8 @@ class Answer(ComparisonSection):
             said += f" Every other one predicts worse, the next ({others[0].label}) by {worse:.0f} nats."
         found = [(said[0].upper() + said[1:], True, "")]
         if self.r.by == "loo" and (poor := sum(not r.loo_holds for r in rows)):
-            found.append(
-                (f"The Pareto k of {poor} families are too high: rank by held-out tests (--by tests).", False, "")
-            )
+            said = f"The Pareto k of {poor} families are too high: rank by held-out tests (--by tests)."
+            found.append((said, False, ""))
         if short := [r.label for r in rows if not r.converged]:
             found.append((f"Not converged, so that their density is some nats off: {', '.join(short)}.", False, ""))
         return found
@@ -123,19 +112,16 @@ class Ranking(ComparisonSection):
         def signed(x: float) -> str:
             return "–" if not np.isfinite(x) else f"{x:+.1f}".replace("-", "−")
 
-        return [
-            (
-                r.label,
-                *((signed(r.difference), f"{r.difference_se:.1f}") if i else ("0", "–")),
+        rows: list[tuple[object, ...]] = []
+        for i, r in enumerate(self.r.rows()):
+            off = (signed(r.difference), f"{r.difference_se:.1f}") if i else ("0", "–")
+            loo, ended = (
                 signed(r.loo) + ("" if r.loo_holds else " (k too high)"),
-                signed(r.held_out),
-                f"{100 * r.residual_share:.2g} %",
-                r.parameters,
-                f"{r.seconds:.0f}",
                 "converged" if r.converged else "short",
             )
-            for i, r in enumerate(self.r.rows())
-        ]
+            share, seconds = f"{100 * r.residual_share:.2g} %", f"{r.seconds:.0f}"
+            rows.append((r.label, *off, loo, signed(r.held_out), share, r.parameters, seconds, ended))
+        return rows
 
 
 class Reasoning(ComparisonSection):
@@ -154,13 +140,10 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
     """Write compare.html and compare.csv into out_dir; returns the page's path."""
     out, first = Path(out_dir), comparison.entries[0]
     comparison_table(comparison).write_csv(out)
-    page = Page(
-        f"Model families compared: {'loops' if comparison.campaign is None else comparison.campaign.name}",
-        f"{len(comparison.entries)} families, ranked by expected log predictive density",
-        "The numbers of this page are in compare.csv.",
-        first.posterior.problem.units,
-        provenance(comparison.campaign, first.posterior.seed),
-    )
+    title = f"Model families compared: {'loops' if comparison.campaign is None else comparison.campaign.name}"
+    subtitle = f"{len(comparison.entries)} families, ranked by expected log predictive density"
+    made, units = provenance(comparison.campaign, first.posterior.seed), first.posterior.problem.units
+    page = Page(title, subtitle, "The numbers of this page are in compare.csv.", units, made)
     page.add(Answer(comparison), Ranking(comparison))
     if comparison.answers():
         page.add(Reasoning(comparison))

@@ -32,7 +32,7 @@ PIXELS = 112
 #: what every figure is written as beside the page
 FILES = ("png", "pdf")
 Text = TypeVar("Text", str, Markup)
-Results = TypeVar("Results")
+Results = TypeVar("Results", covariant=True)
 
 _ENVIRONMENT = Environment(
     loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True,
@@ -229,7 +229,7 @@ class Page:
         self.data: list[tuple[str, Markup]] = []
         self.renderer = renderer or Renderer()
 
-    def add(self, *sections: Section[Any]) -> None:
+    def add(self, *sections: Section[object]) -> None:
         """Sections at the end of the page."""
         for section in sections:
             self.section(section.heading).fill(section)

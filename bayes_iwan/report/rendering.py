@@ -110,7 +110,7 @@ class Renderer:
         self._ahead = -busy  # work that the second process has beyond what this one does meanwhile
         self._here = Batch()
         self._ordered: dict[Order, Figure] = {}
-        self._drawn: dict[Order, Rendered | Future[Any]] = {}
+        self._drawn: dict[Order, Rendered | Future[object]] = {}
         self._pdfs: dict[str, bytes] | None = None
         if self._aside is not None:
             weakref.finalize(self, self._aside.end)  # of a page that was never written
@@ -132,20 +132,24 @@ class Renderer:
         if isinstance(found, Rendered):
             return found
         try:
-            self._drawn[order] = found = found.result()
-            return found
+            answer = found.result()
         except _LostError:
             self._alone()
             return self.rendered(order)
+        assert isinstance(answer, Rendered)
+        self._drawn[order] = answer
+        return answer
 
     def pdfs(self) -> dict[str, bytes]:
         """The PDF files by the orders' names; no figure can be ordered afterwards."""
         if self._pdfs is None:
             self._draw()
             there = None if self._aside is None else self._aside.ask()
-            mine = self._here.pdfs()
+            self._pdfs = self._here.pdfs()
             try:
-                self._pdfs = mine | ({} if there is None else there.result())
+                more = {} if there is None else there.result()
+                assert isinstance(more, dict)
+                self._pdfs |= more
             except _LostError:
                 self._alone()
                 self._pdfs = self._here.pdfs()
@@ -197,13 +201,13 @@ class _Aside:
     `if __name__ == "__main__":` a second time."""
 
     def __init__(self) -> None:
-        self._asked: SimpleQueue[tuple[bytes, Future[Any]] | None] = SimpleQueue()
+        self._asked: SimpleQueue[tuple[bytes, Future[object]] | None] = SimpleQueue()
         threading.Thread(target=self._talk, daemon=True, name="figures").start()
         settings = dict(mpl.rcParams.copy())
         del settings["backend"]  # of windows, which are none of its business
         self.ask(settings)
 
-    def ask(self, *message: Any) -> Future[Any]:
+    def ask(self, *message: object) -> Future[object]:
         """The answer to come. What is asked is read here and now: the caller may go on to change it."""
         answer: Future[object] = Future()
         try:
@@ -237,13 +241,9 @@ class _Aside:
 
 
 def _start() -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-c", _SERVE],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-    )
+    command, environment = [sys.executable, "-c", _SERVE], os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    flags, pipe = getattr(subprocess, "CREATE_NO_WINDOW", 0), subprocess.PIPE
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, env=environment, creationflags=flags)
 
 
 def serve() -> None:

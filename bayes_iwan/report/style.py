@@ -11,7 +11,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import matplotlib as mpl
 import matplotlib.style
@@ -33,16 +33,8 @@ if TYPE_CHECKING:
     from bayes_iwan.campaign.recording.units import Units
 
 #: Okabe & Ito's palette; never the only sign: lines differ in dash and markers in shape too
-BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
-    "#000000",
-    "#E69F00",
-    "#56B4E9",
-    "#009E73",
-    "#F0E442",
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-)
+BLACK, ORANGE, SKY, GREEN, BLUE = "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2"
+RED, PURPLE = "#D55E00", "#CC79A7"
 MEASURED, MODEL, PRIOR = BLACK, BLUE, "#8A8A8A"
 _SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)
 _DASHES: tuple[LineStyleType, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
@@ -51,12 +43,13 @@ _MARKERS = "osD^vPX"
 RC: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],
-    "font.size": 8.5,
-    "axes.titlesize": 9,
-    "axes.labelsize": 8.5,
-    "legend.fontsize": 8,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
+    "font.size": 9,
+    "axes.titlesize": "medium",
+    "figure.labelsize": "medium",
+    "figure.titlesize": "medium",
+    "legend.fontsize": "small",
+    "xtick.labelsize": "small",
+    "ytick.labelsize": "small",
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.linewidth": 0.7,
@@ -67,12 +60,12 @@ RC: Any = {
     "lines.linewidth": 1.2,
     "lines.markersize": 4,
     "legend.frameon": False,
+    "axes.unicode_minus": True,
+    "path.simplify_threshold": 0.3,
     "svg.fonttype": "none",  # text stays text: a browser prints it so
     "pdf.fonttype": 42,  # the same in files: whole letters, which publishers ask for
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
-    "axes.unicode_minus": True,
-    "path.simplify_threshold": 0.3,
     "figure.constrained_layout.w_pad": 0.09,  # a browser's letters are a little wider than those laid out
 }
 
@@ -131,15 +124,9 @@ _WISH: ContextVar[_Wish] = ContextVar("wish", default=_NOTHING)
 
 
 def unset_rc() -> Any:
-    """This module's settings where the user's rcParams are still matplotlib's own; what a user has set stands, and a
-    size of letters that is set is the measure of those of titles, labels and legends."""
-    default = mpl.rcParamsDefault
-    own = {key: value for key, value in RC.items() if mpl.rcParams[key] == default[key]}
-    grown = 1.0 if "font.size" in own else mpl.rcParams["font.size"] / RC["font.size"]
-    return {
-        key: value * grown if key.endswith(("titlesize", "labelsize", "fontsize")) else value
-        for key, value in own.items()
-    }
+    """This module's settings where the user's rcParams are still matplotlib's own; what a user has set stands. All
+    letters are so many times `font.size`, which so scales them."""
+    return {key: value for key, value in RC.items() if mpl.rcParams[key] == mpl.rcParamsDefault[key]}
 
 
 def styled(make: F) -> F:
@@ -228,6 +215,19 @@ def points(index: int) -> dict[str, object]:
     return {"color": _SERIES[index % len(_SERIES)], "marker": _MARKERS[index % len(_MARKERS)]}
 
 
+def blank(width: float, height: float | None = None, layout: Literal["constrained"] | None = None) -> Shown:
+    """A figure without axes; width and height in inches, the width that the caller asked for before this one; square
+    without a height."""
+    wide = _WISH.get().width or width
+    return Shown(figsize=(wide, wide if height is None else height), layout=layout)
+
+
+def refuse_given_axes(what: str) -> None:
+    """Raise StyleError for axes of the caller's, which what makes its own cannot be drawn into."""
+    if into_given_axes():
+        raise StyleError(f"ax: {what} makes its own axes; give width=... or style=... instead")
+
+
 def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any) -> tuple[Figure, NDArray[Any]]:
     """A figure that no global state keeps, and its axes (rows, columns); width and height in inches, the width that
     the caller asked for before these; or the caller's own axes.
@@ -244,10 +244,10 @@ def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any
         return figure, np.array(wish.axes, dtype=object).reshape(rows, columns)
     if wish.stacked and rows == 1 and columns > 1 and not (kwargs.get("sharey") and "width_ratios" in kwargs):
         kwargs.pop("width_ratios", None)
-        figure = Shown(figsize=(wish.width or width, height * columns), layout="constrained")
+        figure = blank(width, height * columns, "constrained")
         figure.one_label = bool(kwargs.get("sharey"))
         return figure, figure.subplots(columns, 1, squeeze=False, **kwargs).reshape(1, columns)
-    figure = Shown(figsize=(wish.width or width, height), layout="constrained")
+    figure = blank(width, height, "constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
 
 
@@ -278,14 +278,9 @@ def on_phone() -> bool:
     return _WISH.get().stacked
 
 
-def asked_width(default: float) -> float:
-    """Inches of the figure that is being made."""
-    return _WISH.get().width or default
-
-
 def narrow() -> bool:
     """Has the figure that is being made little width?"""
-    return asked_width(2 * NARROW) < NARROW
+    return (_WISH.get().width or NARROW) < NARROW
 
 
 def decimal_ticks(axis: Axis, low: float, high: float, most: int = 6) -> None:
@@ -343,7 +338,7 @@ def numbered_cells(
     for i, row in enumerate(texts):
         for j, text in enumerate(row):
             weight = "bold" if bold is not None and bold[i, j] else "normal"
-            axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=7.5, weight=weight)
+            axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", size="small", weight=weight)
     axes.set_xticks(np.arange(m) + 0.5, columns)
     axes.set_yticks(np.arange(n) + 0.5, rows)
     axes.set_ylim(n, 0)

@@ -51,21 +51,18 @@ def viewer_data(p: Predictive) -> dict[str, object]:
         picked = np.linspace(0, len(p.force_N) - 1, min(_of_each(DRAWS, len(p.loops)), len(p.force_N))).astype(int)
         low, high = (np.quantile(p.force_N[:, t], q, axis=0) for q in ([0.05, 0.25], [0.75, 0.95]))
         bands = [np.quantile(x[:, t], [0.05, 0.25, 0.75, 0.95], axis=0) for x in (p.cycle_N, p.loop_N)]
-        tests.append(
-            {
-                "name": loop.record.units.said(test_name(loop)),
-                "file": loop.file,
-                "u": rounded(p.displacement_mm[t], far),
-                "slope": float(slope),
-                "zero": float(zero),
-                "measured": rounded(p.measured_N[t], near),
-                "model": [rounded(q, near) for q in (*low, p.median_N[t], *high)],
-                "cycle": [rounded(q, near) for q in bands[0]],
-                "loop": [rounded(q, near) for q in bands[1]],
-                "draws": [rounded(x, near) for x in p.force_N[picked, t]],
-                "cycles": _cycles(loop, len(p.loops), float(p.zero_N[t]), (far, near)),
-            }
-        )
+        found: dict[str, object] = {
+            "name": loop.record.units.said(test_name(loop)),
+            "file": loop.file,
+            "u": rounded(p.displacement_mm[t], far),
+            "slope": float(slope),
+            "zero": float(zero),
+            "measured": rounded(p.measured_N[t], near),
+        }
+        lines = {"model": (*low, p.median_N[t], *high), "cycle": bands[0], "loop": bands[1]}
+        lines["draws"] = tuple(p.force_N[picked, t])
+        found |= {n: [rounded(x, near) for x in some] for n, some in lines.items()}
+        tests.append(found | {"cycles": _cycles(loop, len(p.loops), float(p.zero_N[t]), (far, near))})
     units = p.loops[0].record.units
     return {"tests": tests, "displacement": units.displacement, "force": units.force}
 

@@ -1,6 +1,5 @@
 """A scored set of answers as files: table, JSON and figures."""
 
-import json
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -11,13 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from bayes_iwan.diagnosis.answer.saved_fits import find_shares
-from bayes_iwan.files import write_whole
-from bayes_iwan.report.style import BLUE, ORANGE, PRIOR, numbered_cells, save
+from bayes_iwan.files import write_json, write_whole
+from bayes_iwan.report.style import BLUE, ORANGE, PRIOR, numbered_cells, save, styled
 from bayes_iwan.withheld.estimates import Estimate, binned
 from bayes_iwan.withheld.metrics import SHARE_POINTS, confusion, reliability
 from bayes_iwan.withheld.scoring import Score, score
 
 
+@styled
 def confusion_figure(score: Score) -> Figure:
     """Truth (rows) against what was named (columns), cases of at most one cause; right answers on outlined squares."""
     rows, columns, counts = confusion(score.cases)
@@ -33,10 +33,8 @@ def confusion_figure(score: Score) -> Figure:
     for i, j in np.argwhere(right):
         ax.add_patch(Rectangle((j, i), 1, 1, fill=False, edgecolor=ORANGE, linewidth=1.2))
     ax.set_xticks(ax.get_xticks(), [c.replace("_", " ") for c in columns], rotation=60, ha="right")
-    ax.set_xlabel("verdict")
-    ax.set_ylabel("truth (cases)")
-    ax.set_title("Cases of at most one cause; outlined: right", fontsize=10)
-    ax.tick_params(labelsize=8)
+    ax.set_title("Cases of at most one cause; outlined: right")
+    ax.set(xlabel="verdict", ylabel="truth (cases)")
     return fig
 
 
@@ -50,27 +48,26 @@ def _shares(
     ax.errorbar(x, value, [value - low, high - value], fmt="o", color=colour, capsize=3, ms=5, label=label)
     for at, end, (_, found) in zip(x, high, points if counts else ()):
         ax.annotate(
-            f"{found.n}", (at, end), textcoords="offset points", xytext=(0, 3), ha="center", fontsize=7, color=colour
+            f"{found.n}", (at, end), textcoords="offset points", xytext=(0, 3), ha="center", size="small", color=colour
         )
 
 
+@styled
 def reliability_figure(score: Score) -> Figure:
     """Probability stated of each cause named against how often it was there, and how often each was stated."""
     fig = Figure(figsize=(5, 5.4), layout="constrained")
     top, bottom = fig.subplots(2, 1, sharex=True, height_ratios=(4, 1))
     top.plot([0, 1], [0, 1], color=PRIOR, lw=1, label="stated = found")
     _shares(top, reliability(score.cases), "share true, 95 % interval, causes named", BLUE)
-    top.set_ylim(0, 1.08)
-    top.set_ylabel("share of named causes that are there")
-    top.legend(loc="upper left", fontsize=8, frameon=False)
+    top.set(ylim=(0, 1.08), ylabel="share of named causes that are there")
+    top.legend(loc="upper left")
     stated = [m.stated for c in score.cases if c.answered for m in c.stated]
     bottom.hist(stated, bins=np.linspace(0, 1, 21).tolist(), color=BLUE)
-    bottom.set_xlabel("stated probability that a cause contributes")
-    bottom.set_ylabel("causes")
-    bottom.set_xlim(0, 1)
+    bottom.set(xlabel="stated probability that a cause contributes", ylabel="causes", xlim=(0, 1))
     return fig
 
 
+@styled
 def accuracy_figure(score: Score) -> Figure:
     """Share of effects found against the visible part of their size over the noise: alone, and among others."""
     fig = Figure(figsize=(8.4, 4), layout="constrained")
@@ -80,9 +77,8 @@ def accuracy_figure(score: Score) -> Figure:
     )
     for ax, (title, all_parts) in zip(fig.subplots(1, 2, sharey=True), panels):
         parts = [(c, k) for c, k in all_parts if c.truth.noise > 0 and k.visible > 0]
-        ax.set_title(f"{title} ({len(parts)})", fontsize=10)
-        ax.set_xlabel("visible part of the size over noise")
-        ax.set_ylim(0, 1.1)
+        ax.set_title(f"{title} ({len(parts)})")
+        ax.set(xlabel="visible part of the size over noise", ylim=(0, 1.1))
         if not parts:
             continue
         values = [k.visible / c.truth.noise for c, k in parts]
@@ -93,11 +89,12 @@ def accuracy_figure(score: Score) -> Figure:
         _shares(ax, binned(values, in_set, edges), "named or in a set", ORANGE, 1.025, False)
         ax.set_xscale("log")
         ax.axvline(1.0, color=PRIOR, ls="--", lw=1)
-        ax.legend(fontsize=8, frameon=False, loc="lower right")
+        ax.legend(loc="lower right")
     fig.axes[0].set_ylabel("share found")
     return fig
 
 
+@styled
 def share_figure(score: Score) -> Figure:
     """Share of the gap that each true cause was said to make, with its interval, against the share it makes."""
     parts = [(c, named, true) for c in score.cases for named, true in c.shares]
@@ -114,20 +111,15 @@ def share_figure(score: Score) -> Figure:
             [100 * t for _, t in some], [100 * n.share for n, _ in some], "o", color=colour, ms=5, alpha=0.8,
             label=f"{label} ({len(some)})",
         )  # fmt: skip
-    ax.set_xlabel("true share of the gap, %")
-    ax.set_ylabel("stated share with its 90 % interval, %")
-    ax.legend(fontsize=8, frameon=False)
+    ax.set(xlabel="true share of the gap, %", ylabel="stated share with its 90 % interval, %")
+    ax.legend()
     return fig
 
 
 def figures(score: Score) -> dict[str, Figure]:
     """All figures by file stem."""
-    return {
-        "confusion": confusion_figure(score),
-        "reliability": reliability_figure(score),
-        "accuracy": accuracy_figure(score),
-        "shares": share_figure(score),
-    }
+    out = {"confusion": confusion_figure(score), "reliability": reliability_figure(score)}
+    return out | {"accuracy": accuracy_figure(score), "shares": share_figure(score)}
 
 
 def write_score(
@@ -141,20 +133,15 @@ def write_score(
 ) -> str:
     """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table and,
     case by case, what was true and what was said."""
-    result = score(
-        directory,
-        truth,
-        answers=answers,
-        find_shares=partial(find_shares, allow_own_files=allow_effects_file),
-        allow_effects_file=allow_effects_file,
-        excluded=excluded,
-    )
+    found, own = partial(find_shares, allow_own_files=allow_effects_file), allow_effects_file
+    scored = partial(score, directory, truth, answers=answers, find_shares=found, allow_effects_file=own)
+    result = scored(excluded=excluded)
     table = result.table() + "\n\n" + result.case_table()
     if out is not None:
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(folder / "score.txt", table + "\n")
-        write_whole(folder / "score.json", json.dumps(result.as_dict(), indent=1) + "\n")
+        write_json(folder / "score.json", result.as_dict())
         for name, figure in figures(result).items():
             for kind in ("png", "svg"):
                 save(figure, folder / f"{name}.{kind}")

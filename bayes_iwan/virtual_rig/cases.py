@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
@@ -53,7 +53,6 @@ class Case:
 
     def truth(self, name: str) -> dict[str, object]:
         """The case's truth, ready to be sealed: plain numbers, strings, lists and mappings."""
-
         return {
             "schema": 2,
             "case": name,
@@ -186,29 +185,28 @@ def draw_case(
         amplitudes = [t.amplitude_mm for t in tests]
         speed = 2e-3 * np.pi * max(t.frequency_hz for t in tests) * max(amplitudes)
         specimen = draw_specimen(rng, (min(amplitudes), max(amplitudes)), speed, n_sliders)
-        at: dict[str, Any] = {"setup": setup, "seed": seed}
+        sound_of = partial(surroundings, specimen, setup=setup, seed=seed)
         sound: dict[tuple[PlannedTest, ...], Sound] = {}  # trial runs without faults, once for the same tests
         found = []
         try:
             for name, law, size in zip(names, chosen, sizes):
                 tried = trial_tests(tests, ((name, law),))
-                around = sound.get(tried) or sound.setdefault(tried, surroundings(specimen, tried, **at))
+                around = sound.get(tried) or sound.setdefault(tried, sound_of(tried))
                 # a fault's parameters follow from the campaign as it is recorded, not from the trial's few cycles
                 whole = replace(around[0], record_s=float(np.mean([t.cycles / t.frequency_hz for t in tests])))
-                with_these = (whole, *around[1:])
-                found.append(size_fault(name, size, specimen, tried, rng, law=law, sound=with_these, **at))
+                sized = partial(size_fault, name, size, specimen, tried, rng, law=law, setup=setup, seed=seed)
+                found.append(sized(sound=(whole, *around[1:])))
         except RigError:
             continue
         tried = trial_tests(tests, ())
-        friction = (sound.get(tried) or surroundings(specimen, tried, **at))[0].friction_rms_N
+        friction = (sound.get(tried) or sound_of(tried))[0].friction_rms_N
         noisy = with_noise(setup, noise, friction, max(amplitudes))
-        seen = shares_left(specimen, tests, found, **at)
+        seen = shares_left(specimen, tests, found, setup=setup, seed=seed)
         return Case(kind, specimen, seen, noisy, tests, sealed, seed, friction, noise)
     raise RigError(f"60 specimens and designs drawn, none shows {' and '.join(names)} at the size asked for")
 
 
 def simulate(case: Case) -> tuple[list[Record], list[Record]]:
     """Run a case: the records that a diagnosis is given, and those that it never sees."""
-    at: dict[str, Any] = {"setup": case.setup, "faults": case.faults, "seed": case.seed}
-    sealed = simulate_tests(case.specimen, case.sealed, first_index=len(case.tests), **at)
-    return records(simulate_tests(case.specimen, case.tests, **at)), records(sealed)
+    run = partial(simulate_tests, case.specimen, setup=case.setup, faults=case.faults, seed=case.seed)
+    return records(run(case.tests)), records(run(case.sealed, first_index=len(case.tests)))

@@ -29,26 +29,14 @@ NO_FAULT, SOUND_CHAIN = FaultValues(), Chain()
 class Acting:
     """What a fault does; by default nothing.
 
-    Parameters
-    ----------
-    motion, chain
-        the kernel's values and the measuring chain's settings.
-    extra_compliance_mm_N
-        of the fixture.
-    displacement_force, speed_force
-        a further force (N) of the specimen over its deformation (mm) and over its speed (mm/s).
-    joint_stretch
-        stretch (mm) of the joint over the force in it (N), beside the fixture's compliance.
-    rate_factor
-        factor on a slip force over its remembered slip speed (mm/s).
-    fade_factor
-        factor on all slip forces over the cycles, or over the work where `motion.fade_work_Nmm` says so.
-    position_factor
-        factor on all slip forces over the specimen's deformation (mm).
-    stiffness_scatter, friction_scatter, gain_scatter
-        of both springs, of the slip forces and of the force amplifier, from test to test.
-    amplitude_gain
-        factor of the force amplifier over a test's amplitude (mm).
+    motion, chain : the kernel's values and the measuring chain's settings. extra_compliance_mm_N : of the fixture.
+    displacement_force, speed_force : a further force (N) of the specimen over its deformation (mm) and its speed
+    (mm/s). joint_stretch : stretch (mm) of the joint over the force in it (N), beside the fixture's compliance.
+    rate_factor : factor on a slip force over its remembered slip speed (mm/s). fade_factor : on all slip forces over
+    the cycles, or over the work where `motion.fade_work_Nmm` says so. position_factor : on all slip forces over the
+    specimen's deformation (mm). stiffness_scatter, friction_scatter, gain_scatter : of both springs, of the slip forces
+    and of the force amplifier, from test to test. amplitude_gain : factor of the force amplifier over a test's
+    amplitude (mm).
     """
 
     motion: FaultValues = NO_FAULT

@@ -18,15 +18,11 @@ from bayes_iwan.virtual_rig.sensors import Chain, Transfer
 # ---- between sensor and specimen
 
 
-def _stiffening_joint(p: Parameters) -> Acting:
-    """A joint whose compliance falls with load to a third power of it at the reference force."""
-    c, f0 = p["compliance_mm_N"], p["reference_N"]
-    return Acting(joint_stretch=lambda f: c * f0 * np.arcsinh(f / f0))
-
-
-def _hertz_joint(p: Parameters) -> Acting:
-    c, f0 = p["compliance_mm_N"], p["reference_N"]
-    return Acting(joint_stretch=lambda f: c * f0 * ((f / f0 + 0.02) ** (2 / 3) - 0.02 ** (2 / 3)))
+def _joint(stretch: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
+    """A joint whose compliance falls with load: its stretch over the reference force's, of the force over that."""
+    return lambda p: Acting(
+        joint_stretch=lambda f: p["compliance_mm_N"] * p["reference_N"] * stretch(f / p["reference_N"])
+    )
 
 
 def _load(rng: np.random.Generator, s: Surroundings) -> Parameters:
@@ -39,8 +35,8 @@ COMPLIANCE = FaultKind(
     linear(lambda s: 0.08),
     (
         Law("linear", lambda p: Acting(extra_compliance_mm_N=p["compliance_mm_N"])),
-        Law("stiffening", _stiffening_joint, _load),
-        Law("hertz", _hertz_joint, _load),
+        Law("stiffening", _joint(np.arcsinh), _load),
+        Law("hertz", _joint(lambda x: (x + 0.02) ** (2 / 3) - 0.02 ** (2 / 3)), _load),
     ),
 )
 
@@ -81,13 +77,18 @@ MASS = FaultKind(
     linear(lambda s: 2e3 * s.stiffness_N_mm / s.fastest_rad_s**2),
     (
         Law("rigid", lambda p: Acting(chain=Chain(moving_mass_kg=p["m_kg"]))),
-        Law("soft_mount",
+        Law(
+            "soft_mount",
             lambda p: Acting(
-                chain=Chain(moving_mass_kg=p["m_kg"], mass_mount_hz=p["mount_hz"], mass_mount_ratio=p["ratio"])),
-            lambda g, s: {"mount_hz": float(g.uniform(2.0, 4.0)) * max(s.frequencies_hz),
-                          "ratio": float(g.uniform(0.03, 0.4))}),
+                chain=Chain(moving_mass_kg=p["m_kg"], mass_mount_hz=p["mount_hz"], mass_mount_ratio=p["ratio"])
+            ),
+            lambda g, s: {
+                "mount_hz": float(g.uniform(2.0, 4.0)) * max(s.frequencies_hz),
+                "ratio": float(g.uniform(0.03, 0.4)),
+            },
+        ),
     ),
-)  # fmt: skip
+)
 
 
 # ---- delays and filters
@@ -182,9 +183,7 @@ LOW_PASS = FaultKind(
 # ---- what is added to the force
 
 
-def _added(
-    shape: Callable[[Array, Parameters, np.random.Generator], Array],
-) -> Callable[[Parameters], Acting]:
+def _added(shape: Callable[[Array, Parameters, np.random.Generator], Array]) -> Callable[[Parameters], Acting]:
     """`shape(t, p, rng)` times the rate and the record's length; nothing before the record starts."""
 
     def acts(p: Parameters) -> Acting:
@@ -213,13 +212,17 @@ DRIFT = FaultKind(
     linear(lambda s: 2.0 * s.friction_rms_N / s.record_s),
     (
         Law("steady", _added(lambda t, p, rng: t), evolves=True),
-        Law("settling", _added(lambda t, p, rng: 1.0 - np.exp(-t / (p["settle_share"] * p["record_s"]))),
-            lambda g, s: {**_record(g, s), "settle_share": float(g.uniform(0.15, 0.5))}, True),
+        Law(
+            "settling",
+            _added(lambda t, p, rng: 1.0 - np.exp(-t / (p["settle_share"] * p["record_s"]))),
+            lambda g, s: {**_record(g, s), "settle_share": float(g.uniform(0.15, 0.5))},
+            True,
+        ),
         Law("random_walk", _added(_wander), _record, True),
         Law("root_of_time", _added(lambda t, p, rng: np.sqrt(t / p["record_s"])), _record, True),
     ),
     signed=True,
-)  # fmt: skip
+)
 
 
 def _mains(third: float, fifth: float, wander_hz: float = 0.0, beat: float = 0.0) -> Callable[[Parameters], Acting]:
@@ -283,15 +286,27 @@ CLIPPING = FaultKind(
     lambda s, strength: s.force_peak_N * (1.0 - 0.7 * strength),
     (
         Law("hard", _clipped(lambda x, p: np.clip(x, -1.0, 1.0))),
-        Law("soft", _clipped(_soft_knee), lambda g, s: {"sharpness": float(g.uniform(4.0, 12.0))},
-            strongest=lambda s, strength: s.force_peak_N * 0.3 / strength),
+        Law(
+            "soft",
+            _clipped(_soft_knee),
+            lambda g, s: {"sharpness": float(g.uniform(4.0, 12.0))},
+            strongest=lambda s, strength: s.force_peak_N * 0.3 / strength,
+        ),
         Law("compressed", _clipped(_compressed)),
         Law("one_side", _clipped(lambda x, p: np.minimum(x, 1.0))),
-        Law("unequal", _unequal,
-            lambda g, s: {"lower_share": float(g.uniform(0.3, 0.8)), "peak_N": s.force_peak_N}),
+        Law("unequal", _unequal, lambda g, s: {"lower_share": float(g.uniform(0.3, 0.8)), "peak_N": s.force_peak_N}),
     ),
-)  # fmt: skip
+)
 
 KINDS = (
-    COMPLIANCE, PLAY, MASS, DELAY, INTEGRATION, HIGH_PASS, LOW_PASS, DRIFT, MAINS, CLIPPING,
-)  # fmt: skip
+    COMPLIANCE,
+    PLAY,
+    MASS,
+    DELAY,
+    INTEGRATION,
+    HIGH_PASS,
+    LOW_PASS,
+    DRIFT,
+    MAINS,
+    CLIPPING,
+)

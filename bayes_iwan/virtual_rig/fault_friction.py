@@ -29,23 +29,12 @@ def _falling(shape: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
 def _ageing(p: Parameters) -> Acting:
     """Dieterich's ageing: the logarithm of the contact's age, which slip renews over a length."""
     cut = p["length_mm"] / (1e3 * p["v_s_m_s"])
-    return Acting(
-        motion=FaultValues(
-            healing=p["drop"], healing_slip=p["length_mm"], healing_cut=cut, healing_time=max(p["rest_s"], 2 * cut)
-        )
-    )
-
-
-def _breakaway(p: Parameters) -> Acting:
-    """Friction that grows while a slider sticks and breaks down over a slip distance: a peak after each reversal."""
-    return Acting(motion=FaultValues(ageing=2.5 * p["drop"], ageing_tau=p["ageing_s"], ageing_slip=p["slip_mm"]))
+    drop, length, longest = p["drop"], p["length_mm"], max(p["rest_s"], 2 * cut)
+    return Acting(motion=FaultValues(healing=drop, healing_slip=length, healing_cut=cut, healing_time=longest))
 
 
 STRIBECK = FaultKind(
-    "stribeck_weakening",
-    "drop",
-    linear(lambda s: 0.6),
-    (
+    "stribeck_weakening", "drop", linear(lambda s: 0.6), (
         Law("exponential", _falling(lambda x: 1.0 - np.exp(-x))),
         Law("gaussian", _falling(lambda x: 1.0 - np.exp(-(x**2)))),
         Law("lorentzian", _falling(lambda x: x**2 / (1.0 + x**2))),
@@ -53,7 +42,10 @@ STRIBECK = FaultKind(
         Law("ageing", _ageing,
             lambda g, s: {"length_mm": float(g.uniform(0.01, 0.04)) * s.largest_mm,
                           "rest_s": 0.25 / min(s.frequencies_hz)}),
-        Law("breakaway", _breakaway,
+        # friction that grows while a slider sticks and breaks down over a slip distance: a peak after each reversal
+        Law("breakaway",
+            lambda p: Acting(
+                motion=FaultValues(ageing=2.5 * p["drop"], ageing_tau=p["ageing_s"], ageing_slip=p["slip_mm"])),
             lambda g, s: {"ageing_s": log_uniform(g, 0.002, 0.02),
                           "slip_mm": float(g.uniform(0.02, 0.08)) * s.largest_mm}),
     ),
@@ -72,18 +64,12 @@ def _rising(shape: Callable[[Array, Parameters], Array]) -> Callable[[Parameters
     return acts
 
 
-def _power_rise(x: Array, p: Parameters) -> Array:
-    n, floor = p["power"], 0.05  # a power of nothing has no slope: rounded at a twentieth of v0
-    return np.asarray((x + floor) ** n - floor**n)
-
-
 RATE = FaultKind(
-    "rate_strengthening",
-    "c",
-    linear(lambda s: 0.3),
-    (
+    "rate_strengthening", "c", linear(lambda s: 0.3), (
         Law("logarithm", _rising(lambda x, p: np.log1p(x))),
-        Law("power", _rising(_power_rise), lambda g, s: {"power": float(g.uniform(0.15, 0.5))}),
+        # a power of nothing has no slope: rounded at a twentieth of v0
+        Law("power", _rising(lambda x, p: (x + 0.05) ** p["power"] - 0.05 ** p["power"]),
+            lambda g, s: {"power": float(g.uniform(0.15, 0.5))}),
         Law("arcsinh", _rising(lambda x, p: np.arcsinh(x))),
         Law("saturating", _rising(lambda x, p: 2.0 * x / (p["saturation"] + x)),
             lambda g, s: {"saturation": float(g.uniform(5.0, 20.0))}),
@@ -95,10 +81,7 @@ RATE = FaultKind(
 # ---- a normal force that acts late
 
 LAG = FaultKind(
-    "normal_force_lag",
-    "tau_s",
-    linear(lambda s: 0.03),
-    (
+    "normal_force_lag", "tau_s", linear(lambda s: 0.03), (
         Law("first_order", lambda p: Acting(motion=FaultValues(lag_rise_s=p["tau_s"], lag_fall_s=p["tau_s"]))),
         Law("second_order",
             lambda p: Acting(motion=FaultValues(
@@ -125,27 +108,15 @@ def _fading(
     shape: Callable[[Array], Array], by_work: bool = False, drags: bool = False
 ) -> Callable[[Parameters], Acting]:
     def acts(p: Parameters) -> Acting:
-        return Acting(
-            motion=FaultValues(
-                fade_work_Nmm=p["work_a_cycle_Nmm"] if by_work else 0.0,
-                fade_stiffness=p["stiffness_power"] if drags else 0.0,
-            ),
-            fade_factor=lambda x: 1.0 - p["drop"] * shape(x / p["cycles"]),
-        )
+        work, power = p["work_a_cycle_Nmm"] if by_work else 0.0, p["stiffness_power"] if drags else 0.0
+        faded = FaultValues(fade_work_Nmm=work, fade_stiffness=power)
+        return Acting(motion=faded, fade_factor=lambda x: 1.0 - p["drop"] * shape(x / p["cycles"]))
 
     return acts
 
 
-def _heated(p: Parameters) -> Acting:
-    """A temperature that friction's own power raises and the surroundings take down again within a time."""
-    return Acting(motion=FaultValues(heat_fade_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"]))
-
-
 FADE = FaultKind(
-    "friction_fade",
-    "drop",
-    linear(lambda s: 0.5),
-    (
+    "friction_fade", "drop", linear(lambda s: 0.5), (
         Law("exponential", _fading(lambda x: 1.0 - np.exp(-x)), evolves=True),
         Law("power", _fading(lambda x: 1.0 - (1.0 + x) ** -0.5), evolves=True),
         Law("logarithm", _fading(lambda x: np.log1p(x) / np.log(10.0)), evolves=True),
@@ -154,7 +125,10 @@ FADE = FaultKind(
         Law("recovers", _fading(lambda x: x * np.exp(1.0 - x)), evolves=True),
         Law("with_stiffness", _fading(lambda x: 1.0 - np.exp(-x), drags=True),
             lambda g, s: {"stiffness_power": float(g.uniform(0.3, 1.0))}, True),
-        Law("heat", _heated, lambda g, s: {"tau_s": log_uniform(g, 0.1, 0.6) * s.record_s, "reference_mW": s.power_mW},
+        # a temperature that friction's own power raises and the surroundings take down again within a time
+        Law("heat",
+            lambda p: Acting(motion=FaultValues(heat_fade_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"])),
+            lambda g, s: {"tau_s": log_uniform(g, 0.1, 0.6) * s.record_s, "reference_mW": s.power_mW},
             True),
     ),
     lambda g, s: {"cycles": log_uniform(g, 4.0, 25.0)},
@@ -166,20 +140,12 @@ FADE = FaultKind(
 
 def _directional(p: Parameters) -> Acting:
     """Of the two further parameters a law has one or none."""
-    return Acting(
-        motion=FaultValues(
-            direction=p["asymmetry"],
-            direction_speed=p.get("speed_mm_s", 0.0),
-            direction_slope_1_mm=p.get("slope_1_mm", 0.0),
-        )
-    )
+    speed, slope = p.get("speed_mm_s", 0.0), p.get("slope_1_mm", 0.0)
+    return Acting(motion=FaultValues(direction=p["asymmetry"], direction_speed=speed, direction_slope_1_mm=slope))
 
 
 DIRECTION = FaultKind(
-    "direction_dependent_friction",
-    "asymmetry",
-    linear(lambda s: 0.45),
-    (
+    "direction_dependent_friction", "asymmetry", linear(lambda s: 0.45), (
         Law("limits", _directional),
         Law("with_speed", _directional, lambda g, s: {"speed_mm_s": float(g.uniform(0.1, 0.4)) * s.speed_mm_s}),
         Law("with_position", _directional,

@@ -21,24 +21,9 @@ def _largest(rng: np.random.Generator, s: Surroundings) -> Parameters:
 # ---- viscous damping: c is the damping of a linear one with the same force at the reference speed
 
 
-def _power_damping(p: Parameters) -> Acting:
-    c, v0, n = p["c_N_s_mm"], p["reference_mm_s"], p["power"]
-    return Acting(speed_force=lambda v: c * v0 * np.sign(v) * np.abs(v / v0) ** n)
-
-
 def _draw_power(rng: np.random.Generator, s: Surroundings) -> Parameters:
     power = rng.uniform(0.35, 0.75) if rng.random() < 0.5 else rng.uniform(1.2, 1.5)
     return {"power": float(power), "reference_mm_s": 0.5 * s.speed_mm_s}
-
-
-def _thinning_damping(p: Parameters) -> Acting:
-    c, v1 = p["c_N_s_mm"], p["thinning_mm_s"]
-    return Acting(speed_force=lambda v: c * v / np.sqrt(1.0 + (v / v1) ** 2))
-
-
-def _valve_damping(p: Parameters) -> Acting:
-    c, ratio = p["c_N_s_mm"], p["return_ratio"]
-    return Acting(speed_force=lambda v: c * np.where(v > 0.0, v, ratio * v))
 
 
 def _blow_off(p: Parameters) -> Acting:
@@ -57,13 +42,28 @@ VISCOUS = FaultKind(
     linear(lambda s: 2 * s.stiffness_N_mm / s.fastest_rad_s),
     (
         Law("linear", lambda p: Acting(speed_force=lambda v: p["c_N_s_mm"] * v)),
-        Law("power", _power_damping, _draw_power),
-        Law("shear_thinning", _thinning_damping,
-            lambda g, s: {"thinning_mm_s": float(g.uniform(0.2, 0.6)) * s.speed_mm_s}),
+        Law(
+            "power",
+            lambda p: Acting(
+                speed_force=lambda v: (
+                    p["c_N_s_mm"] * (v0 := p["reference_mm_s"]) * np.sign(v) * np.abs(v / v0) ** p["power"]
+                )
+            ),
+            _draw_power,
+        ),
+        Law(
+            "shear_thinning",
+            lambda p: Acting(speed_force=lambda v: p["c_N_s_mm"] * v / np.sqrt(1.0 + (v / p["thinning_mm_s"]) ** 2)),
+            lambda g, s: {"thinning_mm_s": float(g.uniform(0.2, 0.6)) * s.speed_mm_s},
+        ),
         Law("blow_off", _blow_off, lambda g, s: {"opens_mm_s": float(g.uniform(0.25, 0.6)) * s.speed_mm_s}),
-        Law("one_way_valve", _valve_damping, lambda g, s: {"return_ratio": float(g.uniform(0.3, 0.7))}),
+        Law(
+            "one_way_valve",
+            lambda p: Acting(speed_force=lambda v: p["c_N_s_mm"] * np.where(v > 0.0, v, p["return_ratio"] * v)),
+            lambda g, s: {"return_ratio": float(g.uniform(0.3, 0.7))},
+        ),
     ),
-)  # fmt: skip
+)
 
 
 # ---- a branch that relaxes
@@ -94,40 +94,31 @@ MAXWELL = FaultKind(
     "k_N_mm",
     linear(lambda s: 3 * s.stiffness_N_mm),
     (
-        Law("one_time", lambda p: Acting(
-            motion=FaultValues(branch_k=np.array([p["k_N_mm"]]), branch_tau=np.array([p["tau_s"]])))),
+        Law(
+            "one_time",
+            lambda p: Acting(motion=FaultValues(branch_k=np.array([p["k_N_mm"]]), branch_tau=np.array([p["tau_s"]]))),
+        ),
         Law("springpot", _springpot, lambda g, s: {"order": float(g.uniform(0.2, 0.6))}),
         Law("lognormal_times", _spread_times, lambda g, s: {"spread": float(g.uniform(0.6, 1.4))}),
-        Law("two_times", _two_times,
-            lambda g, s: {"slow_share": float(g.uniform(0.3, 0.7)), "slow_tau_s": log_uniform(g, 0.1, 0.6)}),
+        Law(
+            "two_times",
+            _two_times,
+            lambda g, s: {"slow_share": float(g.uniform(0.3, 0.7)), "slow_tau_s": log_uniform(g, 0.1, 0.6)},
+        ),
     ),
     lambda g, s: {"tau_s": log_uniform(g, 0.002, 0.06)},
-)  # fmt: skip
+)
 
 
 # ---- springs that are not straight; parameters are those of the leading power at the reach
-
-
-def _exponential_quadratic(p: Parameters) -> Acting:
-    """Hardens to one side as collagen does: k2·d² is its first term, the straight one taken off."""
-    k2, a = p["k2_N_mm2"], p["steepness"] / p["reach_mm"]
-    return Acting(displacement_force=lambda d: 2 * k2 / a**2 * (np.exp(a * d) - 1.0 - a * d))
-
-
-def _one_sided(p: Parameters) -> Acting:
-    k2 = p["k2_N_mm2"]
-    return Acting(displacement_force=lambda d: 2 * k2 * np.where(d > 0.0, d * d, 0.0))
 
 
 def _two_slopes(p: Parameters) -> Acting:
     """Another stiffness to either side of a rounded corner."""
     k = p["k2_N_mm2"] * p["reach_mm"]
     corner, place = p["corner_share"] * p["reach_mm"], p["place_share"] * p["reach_mm"]
-
-    def force(d: Array) -> Array:
-        return k * (np.sqrt((d - place) ** 2 + corner**2) - np.sqrt(place**2 + corner**2))
-
-    return Acting(displacement_force=force)
+    middle = np.sqrt(place**2 + corner**2)
+    return Acting(displacement_force=lambda d: k * (np.sqrt((d - place) ** 2 + corner**2) - middle))
 
 
 QUADRATIC = FaultKind(
@@ -136,25 +127,38 @@ QUADRATIC = FaultKind(
     linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm),
     (
         Law("square", lambda p: Acting(displacement_force=lambda d: p["k2_N_mm2"] * d**2)),
-        Law("exponential", _exponential_quadratic,
-            lambda g, s: {**_largest(g, s), "steepness": float(g.uniform(0.8, 2))}),
-        Law("one_sided", _one_sided),
-        Law("two_slopes", _two_slopes,
-            lambda g, s: {**_largest(g, s), "corner_share": float(g.uniform(0.1, 0.4)),
-                          "place_share": float(g.uniform(-0.2, 0.2))}),
+        # hardens to one side as collagen does: k2·d² is its first term, the straight one taken off
+        Law(
+            "exponential",
+            lambda p: Acting(
+                displacement_force=lambda d: (
+                    2 * p["k2_N_mm2"] / (a := p["steepness"] / p["reach_mm"]) ** 2 * (np.exp(a * d) - 1.0 - a * d)
+                )
+            ),
+            lambda g, s: {**_largest(g, s), "steepness": float(g.uniform(0.8, 2))},
+        ),
+        Law(
+            "one_sided",
+            lambda p: Acting(displacement_force=lambda d: 2 * p["k2_N_mm2"] * np.where(d > 0.0, d * d, 0.0)),
+        ),
+        Law(
+            "two_slopes",
+            _two_slopes,
+            lambda g, s: {
+                **_largest(g, s),
+                "corner_share": float(g.uniform(0.1, 0.4)),
+                "place_share": float(g.uniform(-0.2, 0.2)),
+            },
+        ),
     ),
     signed=True,
-)  # fmt: skip
+)
 
 
 def _trilinear(p: Parameters) -> Acting:
     """Straight up to a displacement on either side, another slope beyond."""
-    k, at, width = p["k3_N_mm3"] * p["reach_mm"] ** 2, p["bend_share"] * p["reach_mm"], 0.05 * p["reach_mm"]
-
-    def force(d: Array) -> Array:
-        return k * np.sign(d) * width * np.logaddexp(0.0, (np.abs(d) - at) / width)
-
-    return Acting(displacement_force=force)
+    k, at, w = p["k3_N_mm3"] * p["reach_mm"] ** 2, p["bend_share"] * p["reach_mm"], 0.05 * p["reach_mm"]
+    return Acting(displacement_force=lambda d: k * np.sign(d) * w * np.logaddexp(0.0, (np.abs(d) - at) / w))
 
 
 def _tanh_spring(p: Parameters) -> Acting:
@@ -198,25 +202,6 @@ def _stop(power: float, loss: bool = False) -> Callable[[Parameters], Acting]:
     return acts
 
 
-def _rounded_stop(p: Parameters) -> Acting:
-    k, gap, width = p["k_N_mm"], p["clearance_mm"], p["width_mm"]
-    return Acting(displacement_force=lambda d: k * width * np.logaddexp(0.0, (d - gap) / width))
-
-
-def _two_stage_stop(p: Parameters) -> Acting:
-    k, gap, second = p["k_N_mm"], p["clearance_mm"], p["second_clearance_mm"]
-
-    def force(d: Array) -> Array:
-        return 0.3 * k * np.maximum(d - gap, 0.0) + k * np.maximum(d - second, 0.0)
-
-    return Acting(displacement_force=force)
-
-
-def _hertz_stops(p: Parameters) -> Acting:
-    k, gap = p["k_N_mm"] * p["indent_mm"] ** -0.5, p["clearance_mm"]
-    return Acting(displacement_force=lambda d: np.sign(d) * k * np.maximum(np.abs(d) - gap, 0.0) ** 1.5)
-
-
 END_STOP = FaultKind(
     "end_stop",
     "k_N_mm",
@@ -225,24 +210,41 @@ END_STOP = FaultKind(
         Law("straight", _stop(1.0)),
         Law("hertz", _stop(1.5), lambda g, s: {"indent_mm": 0.2 * s.largest_mm}),
         Law("lossy", _stop(1.0, loss=True), lambda g, s: {"loss_s_m": float(g.uniform(5.0, 25.0))}),
-        Law("rounded", _rounded_stop, lambda g, s: {"width_mm": float(g.uniform(0.03, 0.08)) * s.largest_mm}),
-        Law("two_stage", _two_stage_stop,
-            lambda g, s: {"second_clearance_mm": float(g.uniform(0.8, 0.92)) * s.largest_mm}),
-        Law("hertz_both_sides", _hertz_stops, lambda g, s: {"indent_mm": 0.2 * s.largest_mm}),
+        Law(
+            "rounded",
+            lambda p: Acting(
+                displacement_force=lambda d: (
+                    p["k_N_mm"] * p["width_mm"] * np.logaddexp(0.0, (d - p["clearance_mm"]) / p["width_mm"])
+                )
+            ),
+            lambda g, s: {"width_mm": float(g.uniform(0.03, 0.08)) * s.largest_mm},
+        ),
+        Law(
+            "two_stage",
+            lambda p: Acting(
+                displacement_force=lambda d: (
+                    0.3 * p["k_N_mm"] * np.maximum(d - p["clearance_mm"], 0.0)
+                    + p["k_N_mm"] * np.maximum(d - p["second_clearance_mm"], 0.0)
+                )
+            ),
+            lambda g, s: {"second_clearance_mm": float(g.uniform(0.8, 0.92)) * s.largest_mm},
+        ),
+        Law(
+            "hertz_both_sides",
+            lambda p: Acting(
+                displacement_force=lambda d: (
+                    np.sign(d)
+                    * (p["k_N_mm"] * p["indent_mm"] ** -0.5)
+                    * np.maximum(np.abs(d) - p["clearance_mm"], 0.0) ** 1.5
+                )
+            ),
+            lambda g, s: {"indent_mm": 0.2 * s.largest_mm},
+        ),
     ),
     lambda g, s: {"clearance_mm": float(g.uniform(0.5, 0.78)) * s.largest_mm},
-)  # fmt: skip
+)
 
 # ---- springs that soften along a record
-
-
-def _by_power(p: Parameters) -> Acting:
-    """With the power that friction turns to heat: the drop is that at the reference power."""
-    return Acting(motion=FaultValues(heat_loss_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"]))
-
-
-def _draw_heat(rng: np.random.Generator, s: Surroundings) -> Parameters:
-    return {"tau_s": float(rng.uniform(0.5, 3.0)), "reference_mW": s.power_mW}
 
 
 SOFTENING = FaultKind(
@@ -250,14 +252,26 @@ SOFTENING = FaultKind(
     "drop",
     linear(lambda s: 0.5),
     (
-        Law("settles",
+        Law(
+            "settles",
             lambda p: Acting(motion=FaultValues(warming_1_s=p["drop"] / p["tau_s"], warming_tau=p["tau_s"])),
-            evolves=True),
-        Law("steadily", lambda p: Acting(motion=FaultValues(warming_1_s=p["drop"] / p["record_s"])),
-            lambda g, s: {"record_s": s.record_s}, True),
-        Law("friction_heat", _by_power, _draw_heat, True),
+            evolves=True,
+        ),
+        Law(
+            "steadily",
+            lambda p: Acting(motion=FaultValues(warming_1_s=p["drop"] / p["record_s"])),
+            lambda g, s: {"record_s": s.record_s},
+            True,
+        ),
+        # with the power that friction turns to heat: the drop is that at the reference power
+        Law(
+            "friction_heat",
+            lambda p: Acting(motion=FaultValues(heat_loss_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"])),
+            lambda g, s: {"tau_s": float(g.uniform(0.5, 3.0)), "reference_mW": s.power_mW},
+            True,
+        ),
     ),
     lambda g, s: {"tau_s": log_uniform(g, 0.1, 0.6) * s.record_s},
-)  # fmt: skip
+)
 
 KINDS = (VISCOUS, MAXWELL, QUADRATIC, CUBIC, END_STOP, SOFTENING)

@@ -96,11 +96,8 @@ def _beside(a: Acting, b: Acting, who: str) -> Acting:
 
     in_a_row = ("force_filters", "displacement_filters", "additions")
     motion = (one(*values) for values in zip(FaultValues._fields, a.motion, b.motion, NO_FAULT))
-    settings = {
-        f.name: one(f.name, getattr(a.chain, f.name), getattr(b.chain, f.name), f.default)
-        for f in fields(Chain)
-        if f.name not in in_a_row
-    }
+    single = {f.name: f.default for f in fields(Chain) if f.name not in in_a_row}
+    settings = {n: one(n, getattr(a.chain, n), getattr(b.chain, n), off) for n, off in single.items()}
     more: dict[str, Any] = {k: one(k, getattr(a, k), getattr(b, k), None) for k in _ONE_OF}
     more |= {k: _combined(getattr(a, k), getattr(b, k), by) for k, by in _COMBINED.items()}
     return Acting(

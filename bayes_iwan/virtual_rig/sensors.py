@@ -123,9 +123,8 @@ def measure(
     """Sample the motion as the chain would.
 
     Parameters: `time_s` (n,) uniform fine steps, the displacement at the sensor and the force in the sensor's
-    place (n,); `sample_times_s` (m,) within them. `clean` leaves noise and digitiser's steps
-    out; `frequency_hz` is the drive's. Returns the
-    displacement (mm) and the force (N), each (m,).
+    place (n,); `sample_times_s` (m,) within them. `clean` leaves noise and digitiser's steps out; `frequency_hz` is the
+    drive's. Returns the displacement (mm) and the force (N), each (m,).
     """
     rate = 1.0 / (time_s[1] - time_s[0])
     x, f = displacement_mm, force_N

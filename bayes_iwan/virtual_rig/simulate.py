@@ -8,6 +8,7 @@ from rest, and are seen through sensors of their own (`sensors`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy import signal
@@ -305,13 +306,8 @@ def simulate_tests(
     clean: bool = False,
 ) -> tuple[RigRun, ...]:
     """Run several tests of one campaign; see `simulate_test`."""
-    return tuple(
-        simulate_test(
-            specimen, test, setup=setup, faults=faults, seed=seed, index=first_index + i,
-            fidelity=fidelity, clean=clean,
-        )
-        for i, test in enumerate(tests)
-    )  # fmt: skip
+    run = partial(simulate_test, setup=setup, faults=faults, seed=seed, fidelity=fidelity, clean=clean)
+    return tuple(run(specimen, test, index=i) for i, test in enumerate(tests, start=first_index))
 
 
 def with_noise(setup: Setup, share: float, friction_N: float, largest_mm: float) -> Setup:

@@ -202,18 +202,14 @@ def shares_left(
         c = _column(_changes(_changed(specimen, sound, present, setup, seed), sound[1]), about_mean)
         return float(np.linalg.norm(c)), float(np.linalg.norm(c - basis @ (basis.T @ c)))
 
-    n = len(faults)
+    n, out = len(faults), []
     seen = {s: change(tuple(faults[i] for i in s)) for k in range(1, n + 1) for s in combinations(range(n), k)}
-    gap = {(): 0.0, **{s: both[1] for s, both in seen.items()}}
-    return tuple(
-        replace(
-            fault,
-            visible=seen[(i,)][1] / seen[(i,)][0],
-            share=_shapley(i, n, {s: g / gap[tuple(range(n))] for s, g in gap.items()}),
-            share_of_square=_shapley(i, n, {s: (g / gap[tuple(range(n))]) ** 2 for s, g in gap.items()}),
-        )
-        for i, fault in enumerate(faults)
-    )
+    left = {(): 0.0, **{s: both[1] / seen[tuple(range(n))][1] for s, both in seen.items()}}
+    for i, fault in enumerate(faults):
+        share, square = (_shapley(i, n, {s: g**p for s, g in left.items()}) for p in (1, 2))
+        visible = seen[(i,)][1] / seen[(i,)][0]
+        out.append(replace(fault, visible=visible, share=share, share_of_square=square))
+    return tuple(out)
 
 
 def _imitations(
@@ -230,13 +226,9 @@ def _imitations(
     """
     short = simulate_tests(specimen, tests, setup=setup, seed=seed, fidelity=COARSE, clean=True)
     coarse = specimen.coarse(COARSE.sliders)
-    bodies = [
-        replace(coarse, **{name: getattr(coarse, name) * factor})
-        for name, factor in (
-            ("parallel_N_mm", 1.01), ("contact_N_mm", 1.01), ("curve", 1.05), ("curve_power", 1.05),
-            ("kn_1_mm", 1.05), ("lambda_s_m", 1.05), ("beta", 1.1),
-        )
-    ]  # fmt: skip
+    factors = {"parallel_N_mm": 1.01, "contact_N_mm": 1.01, "curve": 1.05, "curve_power": 1.05, "kn_1_mm": 1.05}
+    factors |= {"lambda_s_m": 1.05, "beta": 1.1}
+    bodies = [replace(coarse, **{name: getattr(coarse, name) * factor}) for name, factor in factors.items()]
     for group in np.array_split(np.arange(coarse.slip_share_N.size), 8):
         slip = coarse.slip_share_N.copy()
         slip[group] *= 1.03
@@ -244,9 +236,8 @@ def _imitations(
     columns = []
     for body in bodies:
         changed = simulate_tests(body, tests, setup=setup, seed=seed, fidelity=COARSE, clean=True)
-        columns.append(
-            _column([_goes_on(c, a, b) for c, a, b in zip(_changes(changed, short), short, runs)], about_mean)
-        )
+        going_on = [_goes_on(c, a, b) for c, a, b in zip(_changes(changed, short), short, runs)]
+        columns.append(_column(going_on, about_mean))
     matrix = np.array([c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 0]).T
     size, turned = np.linalg.eigh(matrix.T @ matrix)
     kept = size > 1e-11 * size[-1]

@@ -9,8 +9,8 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 from bayes_iwan.executors import Failure, Workers, finished
 from bayes_iwan.files import clear, write_json
@@ -134,7 +134,7 @@ def _answer_one(task: _Task, name: str) -> dict[str, object]:
     scratch = confinement.temporary_folder()
     cache = task.out / _CACHE
     cache.mkdir(exist_ok=True)
-    order: dict[str, object] = {
+    order = {
         "module": task.module,
         "function": task.function,
         "campaign": str(task.directory / name),
@@ -144,13 +144,17 @@ def _answer_one(task: _Task, name: str) -> dict[str, object]:
         "closed": [str(truth_folder(task.directory))],
         "seed": case_seed(task.seed, name),
         "quick": task.quick,
-        "path": sys.path,
     }
     environment = os.environ | {
-        "NUMBA_CACHE_DIR": str(cache), "TMPDIR": str(scratch), "HOME": str(scratch),
-        "MPLCONFIGDIR": str(scratch), "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
-        "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
-    }  # fmt: skip
+        "NUMBA_CACHE_DIR": str(cache),
+        "TMPDIR": str(scratch),
+        "HOME": str(scratch),
+        "MPLCONFIGDIR": str(scratch),
+        "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+        "NUMBA_NUM_THREADS": "1",
+    }
     try:
         done = subprocess.run(
             [sys.executable, "-m", "bayes_iwan.withheld.answering"],
@@ -173,9 +177,7 @@ def _in_own_process() -> None:
         write = [Path(order[k]) for k in ("out", "scratch", "cache")]
         write += [p for p in (Path("/dev/null"), Path("/dev/shm")) if p.exists()]
         confinement.confine(read, write, [Path(p) for p in order["closed"]])
-    diagnose: Any = importlib.import_module(order["module"])
-    for part in order["function"].split("."):
-        diagnose = getattr(diagnose, part)
+    diagnose: Diagnose = attrgetter(order["function"])(importlib.import_module(order["module"]))
     diagnose(Path(order["campaign"]), Path(order["out"]), order["seed"], order["quick"])
 
 

@@ -98,14 +98,9 @@ def _second(name: str, answer: Mapping[str, Any], probabilities: Mapping[str, fl
         refused = "a cause's probability is not in 0 to 1"
     if refused:
         raise WithheldError(f"the answer to {name} is refused: {refused}")
-    return Answer(
-        kind,
-        causes,
-        unknown,
-        json_number((answer.get("unexplained") or {}).get("share")),
-        probabilities,
-        tuple(frozenset(map(str, some["names"])) for some in verdict.get("one_of") or ()),
-    )
+    unexplained = json_number((answer.get("unexplained") or {}).get("share"))
+    one_of = tuple(frozenset(map(str, some["names"])) for some in verdict.get("one_of") or ())
+    return Answer(kind, causes, unknown, unexplained, probabilities, one_of)
 
 
 def _named(cause: Mapping[str, Any]) -> Named:
@@ -122,10 +117,8 @@ def _named(cause: Mapping[str, Any]) -> Named:
 
 
 def _first(name: str, verdict: Mapping[str, Any], probabilities: dict[str, float]) -> Answer:
-    if abs(sum(probabilities.values()) - 1.0) > _ROUNDING:
-        raise WithheldError(
-            f"the answer to {name} is refused: its probabilities sum to {sum(probabilities.values()):g}"
-        )
+    if abs((total := sum(probabilities.values())) - 1.0) > _ROUNDING:
+        raise WithheldError(f"the answer to {name} is refused: its probabilities sum to {total:g}")
     cause, second = verdict["cause"], verdict.get("second_cause")
     alike = frozenset(verdict.get("tied_with") or ())
     nothing = float("nan")

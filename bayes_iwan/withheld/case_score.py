@@ -70,12 +70,8 @@ class CaseScore:
     @property
     def shares(self) -> tuple[tuple[Named, float], ...]:
         """True causes that are named with a share of the gap, and their true shares."""
-        true = self.truth.shares(self.answer.names)
-        return tuple(
-            (n, true[n.name])
-            for n in self.answer.causes
-            if np.isfinite(n.share) and np.isfinite(true.get(n.name, float("nan")))
-        )
+        true = {n: x for n, x in self.truth.shares(self.answer.names).items() if np.isfinite(x)}
+        return tuple((n, true[n.name]) for n in self.answer.causes if n.name in true and np.isfinite(n.share))
 
     @property
     def held_out(self) -> tuple[bool, ...]:
@@ -96,11 +92,8 @@ class CaseScore:
     def stated(self) -> tuple[Marginal, ...]:
         """Probabilities of the causes named, against whether they are there."""
         true = {c.name for c in self.truth.causes}
-        return tuple(
-            Marginal(n.name, n.probability, n.name in true)
-            for n in self.answer.causes
-            if n.name in CATALOGUE and np.isfinite(n.probability)
-        )
+        said = [n for n in self.answer.causes if n.name in CATALOGUE and np.isfinite(n.probability)]
+        return tuple(Marginal(n.name, n.probability, n.name in true) for n in said)
 
     def _labels(self) -> tuple[Marginal, ...]:
         """All that is stated: effects, none, an unknown cause. One too small to be seen is not asked for."""
@@ -132,10 +125,7 @@ def score_case(
 
     found : share of the gap that each named cause removes on sealed tests, by cause.
     """
-    read = SILENT if answer is None else read_answer(name, answer)
-    sealed = tuple(
-        c.share_low <= (found or {})[c.name] <= c.share_high
-        for c in read.causes
-        if c.name in (found or {}) and np.isfinite(c.share_low)
-    )
+    read, found = SILENT if answer is None else read_answer(name, answer), found or {}
+    asked = [c for c in read.causes if c.name in found and np.isfinite(c.share_low)]
+    sealed = tuple(c.share_low <= found[c.name] <= c.share_high for c in asked)
     return CaseScore(name, truth, read, answer is not None, sealed)

@@ -69,11 +69,7 @@ def binned(values: Sequence[float], hits: Sequence[bool], edges: Sequence[float]
     """Share of hits in each bin of `values`: (mean of the values in it, share), empty bins omitted."""
     x, h = np.asarray(values, dtype=float), np.asarray(hits, dtype=bool)
     place = np.digitize(x, edges[1:-1])
-    return [
-        (float(x[place == i].mean()), share(h[place == i].tolist()))
-        for i in range(len(edges) - 1)
-        if (place == i).any()
-    ]
+    return [(float(x[place == i].mean()), share(h[place == i].tolist())) for i in np.unique(place)]
 
 
 def findable(values: Sequence[float], hits: Sequence[bool], seed: int = 0) -> dict[float, Estimate]:

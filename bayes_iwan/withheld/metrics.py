@@ -5,7 +5,7 @@ channel. Shares of the gap are in RMS, shared among overlapping causes by Shaple
 Clopper–Pearson for shares of cases, bootstrap over cases for the others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -22,17 +22,12 @@ ERROR_BINS, BINS = 10, 5
 def summarise(cases: Sequence[CaseScore], seed: int = 0) -> dict[str, Estimate]:
     """The score table: what is measured, by name, in the order in which it is read."""
     rng = np.random.default_rng(seed)
-    of = {k: [c for c in cases if c.kind == k] for k in {c.kind for c in cases}}
 
     def kind(*names: str) -> list[CaseScore]:
-        return [c for n in names for c in of.get(n, [])]
+        return [c for n in names for c in cases if c.kind == n]
 
-    single, both, beside, outside = (
-        kind("single"),
-        kind("pair", "triple"),
-        kind("known_beside_outside"),
-        kind("outside"),
-    )
+    single, both = kind("single"), kind("pair", "triple")
+    beside, outside = kind("known_beside_outside"), kind("outside")
     clear = [c for c in single if c.visible]
     alone = [c for c in clear if c.one_frequency]
     parts = [(c, cause) for c in both for cause in c.truth.causes]
@@ -136,20 +131,21 @@ def confusion(cases: Sequence[CaseScore]) -> tuple[tuple[str, ...], tuple[str, .
 
 def by_law(cases: Sequence[CaseScore]) -> dict[str, tuple[Estimate, Estimate]]:
     """Visible listed causes named, and named or in a set, by "name:law"."""
-    out: dict[str, list[tuple[bool, bool]]] = {}
-    for c in cases:
-        for k in c.truth.listed:
-            if c.truth.seen(k):
-                found = (k.name in c.answer.names, k.name in c.answer.in_sets)
-                out.setdefault(f"{k.name}:{k.law or '?'}", []).append(found)
-    return {label: (share([a for a, _ in hits]), share([b for _, b in hits])) for label, hits in sorted(out.items())}
+    seen = [(c, k) for c in cases for k in c.truth.listed if c.truth.seen(k)]
+    return _by_label(
+        (f"{k.name}:{k.law or '?'}", k.name in c.answer.names, k.name in c.answer.in_sets) for c, k in seen
+    )
 
 
 def by_outside(cases: Sequence[CaseScore]) -> dict[str, tuple[Estimate, Estimate]]:
     """Visible causes from outside the catalogue flagged as unknown, and cases of theirs with a false name, by name."""
-    out: dict[str, list[tuple[bool, bool]]] = {}
-    for c in cases:
-        for k in c.truth.causes:
-            if not k.listed and c.truth.seen(k):
-                out.setdefault(k.name, []).append((c.answer.unknown_cause, bool(c.false_names)))
-    return {label: (share([a for a, _ in hits]), share([b for _, b in hits])) for label, hits in sorted(out.items())}
+    seen = [(c, k) for c in cases for k in c.truth.causes if not k.listed and c.truth.seen(k)]
+    return _by_label((k.name, c.answer.unknown_cause, bool(c.false_names)) for c, k in seen)
+
+
+def _by_label(hits: Iterable[tuple[str, bool, bool]]) -> dict[str, tuple[Estimate, Estimate]]:
+    """Shares of the first and of the second hits, by label."""
+    of: dict[str, list[tuple[bool, bool]]] = {}
+    for label, *both in hits:
+        of.setdefault(label, []).append((both[0], both[1]))
+    return {label: (share([a for a, _ in some]), share([b for _, b in some])) for label, some in sorted(of.items())}

@@ -6,19 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from bayes_iwan.files import finite
 from bayes_iwan.virtual_rig.faults import CATALOGUE
 from bayes_iwan.withheld.answers import read_answer
 from bayes_iwan.withheld.case_score import CaseScore, score_case
 from bayes_iwan.withheld.estimates import Estimate, findable
 from bayes_iwan.withheld.metrics import by_law, by_outside, confusion, summarise
-from bayes_iwan.withheld.sealed import (
-    WithheldError,
-    check_sealed_tests,
-    check_seals,
-    read_json,
-    read_truths,
-    sealed_tests,
-)
+from bayes_iwan.withheld.sealed import WithheldError, check_sealed, check_seals, read_json, read_truths, sealed_tests
 from bayes_iwan.withheld.truths import read_truth
 
 FindShares = Callable[[Path, Path], Mapping[str, float]]
@@ -54,13 +48,11 @@ class Score:
             lines.append(line.rstrip())
         for target, figure in self.findable_visible.items():
             label = f"visible size over noise found in {100 * target:.0f} % of single cases"
-            lines.append(
-                f"{label:{width}s}  {figure.text() if np.isfinite(figure.value) else 'not within those tried'}"
-            )
+            said = figure.text() if np.isfinite(figure.value) else "not within those tried"
+            lines.append(f"{label:{width}s}  {said}")
         lines += _split_lines("by law (visible listed causes)", ("named", "or in the set"), by_law(self.cases))
-        lines += _split_lines(
-            "by outside kind (visible)", ("unknown cause flagged", "a false name"), by_outside(self.cases)
-        )
+        heads = ("unknown cause flagged", "a false name")
+        lines += _split_lines("by outside kind (visible)", heads, by_outside(self.cases))
         if self.faulty:
             lines.append("counted apart: cases of a law that no specimen has")
             lines += [f"  {c.name}: {', '.join(k.name for k in c.truth.causes)}: {_said(c)}" for c in self.faulty]
@@ -79,18 +71,22 @@ class Score:
     def as_dict(self) -> dict[str, object]:
         """Plain numbers for JSON; nan becomes None."""
         rows, columns, counts = confusion(self.cases)
-        return {
-            "schema": 2,
-            "summary": _plain(self.summary),
-            "excluded_from_calibration": _plain(self.held_back),
-            "findable_visible": _plain(self.findable_visible),
-            "by_law": _plain(by_law(self.cases)),
-            "by_outside": _plain(by_outside(self.cases)),
-            "confusion": {"truth": list(rows), "verdict": list(columns), "counts": counts.astype(int).tolist()},
-            "cases": [_plain(_case(c)) for c in self.cases],
-            "faulty": [_plain(_case(c)) for c in self.faulty],
-            "notes": list(self.notes),
-        }
+        return dict(
+            finite(
+                {
+                    "schema": 2,
+                    "summary": self.summary,
+                    "excluded_from_calibration": self.held_back,
+                    "findable_visible": self.findable_visible,
+                    "by_law": by_law(self.cases),
+                    "by_outside": by_outside(self.cases),
+                    "confusion": {"truth": rows, "verdict": columns, "counts": counts.astype(int).tolist()},
+                    "cases": list(map(_case, self.cases)),
+                    "faulty": list(map(_case, self.faulty)),
+                    "notes": self.notes,
+                }
+            )
+        )
 
 
 def _said(c: CaseScore) -> str:
@@ -111,32 +107,15 @@ def _case(c: CaseScore) -> dict[str, object]:
         "name": c.name,
         "kind": c.kind,
         "causes": [asdict(k) | {"seen": c.truth.seen(k), "listed": k.listed} for k in c.truth.causes],
-        "noise": c.truth.noise,
-        "frequencies": c.truth.frequencies,
-        "family": c.truth.family,
+        **{n: getattr(c.truth, n) for n in ("noise", "frequencies", "family")},
         "verdict": c.answer.kind,
         "named": [{"name": n.name, "probability": n.probability, "share": n.share} for n in c.answer.causes],
         "tied_with": sorted(c.answer.in_sets - c.answer.names),
         "unknown_cause": c.answer.unknown_cause,
-        "found": c.found,
-        "in_set": c.in_set,
+        **{n: getattr(c, n) for n in ("found", "in_set")},
         "false_names": sorted(c.false_names),
-        "log_score": c.log_score,
-        "brier": c.brier,
-        "answered": c.answered,
+        **{n: getattr(c, n) for n in ("log_score", "brier", "answered")},
     }
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, Estimate):
-        return _plain(asdict(value))
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value
 
 
 def score_answers(
@@ -162,16 +141,13 @@ def score_answers(
     cases = tuple(c for c in everything if not c.truth.faulty)
     new = [c for c in cases if any(k.name in excluded or f"{k.name}:{k.law}" in excluded for k in c.truth.causes)]
     single = [c for c in cases if c.kind == "single" and c.truth.noise > 0 and c.truth.causes[0].visible > 0]
-    return Score(
-        cases=cases,
-        faulty=tuple(c for c in everything if c.truth.faulty),
-        summary=summarise(cases),
-        held_back=summarise(new) if new else {},
-        findable_visible=findable(
-            [c.truth.causes[0].visible / c.truth.noise for c in single], [c.found for c in single]
-        ),
-        notes=tuple(notes),
+    sizes, faulty = (
+        [c.truth.causes[0].visible / c.truth.noise for c in single],
+        [c for c in everything if c.truth.faulty],
     )
+    visible = findable(sizes, [c.found for c in single])
+    held_back = summarise(new) if new else {}
+    return Score(cases, tuple(faulty), summarise(cases), held_back, visible, tuple(notes))
 
 
 def read_answers(path: Path) -> dict[str, dict[str, object]]:
@@ -212,7 +188,7 @@ def score(
         sealed, fits = sealed_tests(truth, name), answers_path.parent / name / "fits.json"
         if find_shares is None or not (sealed / "campaign.toml").is_file() or not fits.is_file():
             continue
-        check_sealed_tests(name, sealed, truths[name])
+        check_sealed(name, sealed, truths[name])
         if _names_code(fits) and not allow_effects_file:
             foreign.append(name)
             continue

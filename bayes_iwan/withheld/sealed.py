@@ -65,7 +65,7 @@ def read_json(path: Path) -> Any:
         raise WithheldError(f"{path}: not readable as JSON ({error})") from None
 
 
-def commitment(truth: Mapping[str, Any]) -> str:
+def commitment(truth: Mapping[str, object]) -> str:
     """SHA-256 (hex) of a truth as JSON with sorted keys. Raises `WithheldError` if it has no salt."""
     if not truth.get("salt"):
         raise WithheldError("a truth without a salt cannot be sealed: its commitment could be guessed")
@@ -74,16 +74,13 @@ def commitment(truth: Mapping[str, Any]) -> str:
 
 def matches(truth: Mapping[str, object], sealed: str) -> bool:
     """Whether `sealed` is a commitment to this truth, in any of the usual spellings of JSON with sorted keys."""
-    spellings: tuple[dict[str, Any], ...] = (
-        {},
-        {"separators": (",", ":")},
-        {"ensure_ascii": False},
-        {"separators": (",", ":"), "ensure_ascii": False},
-        {"indent": 1},
-        {"indent": 2},
+    spaced = ((None, None), (None, (",", ":")), (1, None), (2, None))
+    texts = (
+        json.dumps(truth, sort_keys=True, indent=indent, separators=separators, ensure_ascii=ascii_)
+        for indent, separators in spaced
+        for ascii_ in (True, False)
     )
-    texts = (json.dumps(truth, sort_keys=True, **s).encode() for s in spellings)
-    return any(hashlib.sha256(text).hexdigest() == sealed for text in texts)
+    return any(hashlib.sha256(text.encode()).hexdigest() == sealed for text in texts)
 
 
 def file_hashes(folder: Path) -> dict[str, str]:
@@ -115,7 +112,7 @@ class _Draws:
     excluded_outside: tuple[str, ...]
 
 
-def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, Any]:
+def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, object]:
     name, kind = piece
     bits = hashlib.sha256(f"{draws.entropy}/{name}".encode()).digest()
     case = rig_cases.draw_case(
@@ -129,10 +126,8 @@ def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, Any]:
             tests=tests, source="bayes_iwan withheld",
         )  # fmt: skip
     gap_N = true_gaps_N(case, 0)
-    gap = {
-        "true_gap_N": by_name(gap_N),
-        "true_share": {n: removed(gap_N, {n})[n] for n in max(gap_N, key=len, default=())},
-    }
+    shares = {n: removed(gap_N, {n})[n] for n in max(gap_N, key=len, default=())}
+    gap = {"true_gap_N": by_name(gap_N), "true_share": shares}
     hashes = {"data": file_hashes(draws.out / name), "sealed_data": file_hashes(draws.sealed / name)}
     return {**case.truth(name), **gap, **hashes, "salt": secrets.token_hex(32)}
 
@@ -168,20 +163,15 @@ def make(
     pieces = {name: (name, kinds[i] if kinds is not None else None) for i, name in enumerate(names)}
     entropy = secrets.token_hex(32) if seed is None else f"seed {seed}"
     draws = _Draws(entropy, out, apart / "sealed", laws, tuple(excluded_laws), tuple(excluded_outside))
-    truths: dict[str, dict[str, Any]] = {}
+    truths: dict[str, dict[str, object]] = {}
     for name, truth in finished(pieces, _make_one, draws, workers=workers, what="making cases", unit="case"):
         if isinstance(truth, Failure):
             raise WithheldError(f"{name} could not be made: {truth}")
         truths[name] = truth
     source = {"entropy": entropy} if seed is None else {"seed": seed}
     write_json(apart / "truth.json", {"schema": 2, **source, "cases": truths})
-    public: dict[str, object] = {
-        "rule": RULE,
-        "sealed": seed is None,
-        "cases": {k: commitment(truths[k]) for k in names},
-    }
-    if seed is None:
-        public["entropy"] = hashlib.sha256(entropy.encode()).hexdigest()
+    public = {"rule": RULE, "sealed": seed is None, "cases": {k: commitment(truths[k]) for k in names}}
+    public |= {"entropy": hashlib.sha256(entropy.encode()).hexdigest()} if seed is None else {}
     write_json(out / "commitments.json", public)
     return apart / "truth.json"
 
@@ -251,7 +241,7 @@ def sealed_tests(truth_file: Path, name: str) -> Path:
     return next((x for x in found if x.is_dir()), found[0])
 
 
-def check_sealed_tests(name: str, folder: Path, truth: Mapping[str, object]) -> None:
+def check_sealed(name: str, folder: Path, truth: Mapping[str, object]) -> None:
     """Raise `WithheldError` if the sealed tests of a case are not those that were sealed with its truth."""
     hashes = next((truth[k] for k in ("sealed_data", *former_names.TRUTH) if k in truth), None)
     if hashes is not None and file_hashes(folder) != hashes:

@@ -97,11 +97,13 @@ def _ours(truth: Mapping[str, Any]) -> Truth:
         size = json_number(e.get("size"))
         visible = size * json_number(e.get("visible_share"))
         share = json_number(e.get("share")) if len(truth["effects"]) > 1 else 1.0
-        causes.append(PlantedCause(_now(e["name"]), e.get("law", ""), size, visible, share))
+        causes.append(
+            PlantedCause(former_names.EFFECTS.get(e["name"], e["name"]), e.get("law", ""), size, visible, share)
+        )
     if truth["kind"] not in KINDS:
         raise KeyError(f"kind {truth['kind']!r}")
     noise = truth.get("noise")
-    tests = truth.get("design", {}).get("tests", [])
+    tests, gaps = truth.get("design", {}).get("tests", []), truth.get("true_gap_N") or {}
     return Truth(
         kind=truth["kind"],
         causes=tuple(causes),
@@ -109,35 +111,18 @@ def _ours(truth: Mapping[str, Any]) -> Truth:
         frequencies=len({t["frequency_hz"] for t in tests if t.get("role", "fit") == "fit"}),
         family=str(truth.get("specimen", {}).get("family", "")),
         faulty=False,
-        gap_N={
-            k: json_number(v)
-            for k, v in by_set(
-                {former_names.parameters_in(k): v for k, v in (truth.get("true_gap_N") or {}).items()}
-            ).items()
-        },
+        gap_N=by_set({former_names.parameters_in(k): json_number(v) for k, v in gaps.items()}),
     )
 
 
-def _now(name: str) -> str:
-    """The name that an effect has now."""
-    return former_names.EFFECTS.get(name, name)
-
-
 def _first_set(truth: Mapping[str, Any]) -> Truth:
-    names = [_now(n) for n in (truth["kind"], truth.get("second")) if n and n != "none"]
+    names = [former_names.EFFECTS.get(n, n) for n in (truth["kind"], truth.get("second")) if n and n != "none"]
     known, unknown = (sum((n in CATALOGUE) is listed for n in names) for listed in (True, False))
     kind = next(k for k, counts in KINDS.items() if counts == (known, unknown))
-    alone = len(names) == 1
+    size, share = (json_number(truth.get("raw_share")), 1.0) if len(names) == 1 else (float("nan"), float("nan"))
     return Truth(
         kind=kind,
-        causes=tuple(
-            PlantedCause(
-                n,
-                size=json_number(truth.get("raw_share")) if alone else float("nan"),
-                share=1.0 if alone else float("nan"),
-            )
-            for n in names
-        ),
+        causes=tuple(PlantedCause(n, size=size, share=share) for n in names),
         noise=json_number(truth.get("noise")),
         frequencies=len({f for f, _ in truth.get("tests", [])}),
         family=str(truth.get("base", {}).get("family", "")),

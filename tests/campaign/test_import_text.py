@@ -179,6 +179,22 @@ def test_a_late_channel_with_rounded_times_is_aligned(tmp_path, digits):
     assert energy == pytest.approx(np.pi * np.sin(0.4), rel=0.01)
 
 
+@pytest.mark.parametrize("head", ["Time 1 [s],Time 2 [s]", "t1,t2"])
+def test_two_clocks_that_contradict_each_other_are_asked_about(tmp_path, head):
+    """They were taken for one clock in two units, whatever the ratio: half the frequency, without a word."""
+    for ratio, asked in ((0.5, True), (1e3, head.startswith("Time"))):
+        body = "\n".join(f"{t:.6f},{ratio * t:.6f},{x:.8g},{f:.8g}" for t, x, f in zip(T, X, F))
+        path = write(tmp_path, f"{head},disp_mm,force_N\n{body}\n")
+        if asked:
+            with pytest.raises(CampaignError, match="Which is the time"):
+                import_tests([path])
+        else:
+            import_tests([path])
+    body = "\n".join(f"{t:.6f},{1e3 * t:.6f},{x:.8g},{f:.8g}" for t, x, f in zip(T, X, F))
+    (test,) = import_tests([write(tmp_path, f"Time 1 [s],Time 2 [ms],disp_mm,force_N\n{body}\n")])
+    assert test.loop.frequency_hz == pytest.approx(10.0, rel=1e-4)
+
+
 def write(tmp_path, text):
     path = tmp_path / "a.csv"
     path.write_text(text)

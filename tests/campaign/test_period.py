@@ -62,6 +62,20 @@ def test_a_spike_makes_no_two_cycles_of_one(value):
     assert loop.frequency_hz == pytest.approx(BASE, rel=1e-3)
 
 
+@pytest.mark.parametrize("orders", [(1, 2, 3, 5, 7), (1, 2, 4, 8)])
+def test_a_multisine_is_imported_with_its_amplitude(tmp_path, orders):
+    """Its name had the amplitude of eight harmonics, which the test's own check then contradicted."""
+    phase, time = np.random.default_rng(0).uniform(0.0, TAU, 9), np.arange(2200) / 1000.0
+    u = sum(np.sin(TAU * 5.0 * k * time + phase[k]) for k in orders)
+    u /= np.ptp(u) / 2
+    path = tmp_path / "a.csv"
+    rows = (f"{t:.4f},{x:.5f},{f:.4f}" for t, x, f in zip(time, u, slider(u)))
+    path.write_text("time_s,disp_mm,force_N\n" + "\n".join(rows) + "\n")
+    (test,) = import_tests([path])
+    assert test.record.amplitude_mm == pytest.approx(1.0, rel=0.01)
+    assert test.loop.frequency_hz == pytest.approx(5.0, rel=1e-3)
+
+
 @pytest.mark.parametrize("name", WAVES)
 def test_a_periodic_drive_is_a_test(name):
     record, loop = check_record(recorded(WAVES[name], 12.0))
@@ -137,12 +151,14 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path, capsys, monkeypatch):
     assert cli.main(["import", file, "--dry-run"]) == 2
     command = capsys.readouterr().err.strip().partition("Run: ")[2]
     assert command.startswith(f'bayes-iwan import "{file}" --dry-run ') and "'" not in command
-    answers = {"force": "ai1", "displacement": "ai0", "force=": "N", "displacement=": "mm", "rate": "500"}
+    answers = {"force": "ai1", "displacement": "ai0", "force=": "N", "displacement=": "mm", "rate": "500 Hz"}
     replies = [answers[{"--sample-rate": "rate"}.get(q.option, q.option[2:] if not q.role else q.role + "=")]
                for q in caught.value.questions]  # fmt: skip
+    replies.insert(replies.index("500 Hz"), "fast")  # is said, and asked again
     monkeypatch.setattr("builtins.input", lambda prompt: replies.pop(0))
     assert cli.main(["import", file, "--dry-run", "--ask"]) == 0
-    assert "found: 2 Hz" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "--sample-rate: 'fast' is not a number" in out and "found: 2 Hz" in out
     assert cli.main(["import", file, "--dry-run"]) == 2, "what was answered once is no answer for the next command"
 
 

@@ -1,6 +1,5 @@
 """The budget's arithmetic against closed forms, the rules that refuse a name, and the calibration's promises."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +11,10 @@ from bayes_iwan.diagnosis.assessment.calibration import (
     Calibration,
     any_of,
     calibration,
-    from_json,
     set_probabilities,
 )
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.assessment.verdict import (
-    candidates_of,
     contributing,
     named_by,
     one_of,
@@ -214,25 +211,6 @@ def test_a_form_of_the_base_and_effects_that_cannot_be_told_from_it_are_said_tog
     assert one_of([place], ("slip_forces_free",), sets, c) == ()
 
 
-def test_of_two_that_look_alike_and_share_a_cause_one_is_said_to_contribute():
-    """Each removes next to nothing as the last one, since the other takes its part over."""
-    names, sets, c = (
-        ("moving_mass", "maxwell_branch"),
-        {frozenset({"moving_mass", "maxwell_branch"}): 1.0},
-        calibration(),
-    )
-    both = [
-        replace(SURE, name=n, alternatives={n: 0.0}, fitted=0.01, alone=0.3, beside=tuple({*names} - {n}))
-        for n in names
-    ]
-    assert named_by(both, sets) == ()
-    (said,) = one_of(both, (), sets, c)
-    assert set(said.names) == set(names) and said.share == 0.3
-    assert one_of([replace(f, alone=0.01) for f in both], (), sets, c) == ()
-    assert one_of([replace(f, beside=()) for f in both], (), sets, c) == ()
-    assert candidates_of(both[0], c) == names and one_of(both, names[:1], sets, c) == ()  # a tie of what is named
-
-
 def test_what_nothing_of_the_catalogue_fills_is_not_said_to_be_one_of_it():
     c, tied = calibration(), dict.fromkeys((SURE.name, *OTHERS), 0.0)
     sets = {frozenset({n}): 0.2 for n in tied}
@@ -285,7 +263,7 @@ def test_a_larger_rest_is_likelier_to_have_a_cause():
 def test_saved_constants_are_read_back(tmp_path):
     c = Calibration(1.5, -2.0, 8.0, (0.001, 0.5))
     c.save(tmp_path / "constants.json")
-    assert from_json(json.loads((tmp_path / "constants.json").read_text())) == c
+    assert calibration(tmp_path / "constants.json") == c
 
 
 def test_titles_are_running_text():

@@ -367,7 +367,7 @@ def test_the_next_test_is_between_a_cause_and_what_explains_the_data_nearly_as_w
     near = {"lag": 0.5 * far * 0.9, "play": 0.0, "mass": -0.1, "wave": far}
 
     def planned(drag, play, sure=0.5):
-        figures = [SimpleNamespace(name=n, moved=m, odd=False, alternatives=a, beside=()) for n, m, a in (drag, play)]
+        figures = [SimpleNamespace(name=n, moved=m, odd=False, alternatives=a) for n, m, a in (drag, play)]
         sets = {frozenset({"drag", "play"}): sure}
         found = SimpleNamespace(
             search=search, figures=figures, sets=sets, asked=frozenset(search.chosen), models=SimpleNamespace(fits=fits)

@@ -317,3 +317,11 @@ def test_what_changes_along_the_record_is_said_where_a_cause_removes_clearly_mor
     cause = replace(first, along=first.share.value + more)
     text = " ".join(sentences(turned(found, Kind.EXPLAINED, [cause], {cause.name: 0.95})))
     assert (f"and {percent(cause.along)} of what changes along the records" in text) == said
+
+
+def test_what_is_predicted_worse_with_a_cause_is_said_without_a_negative_share(kit):
+    found = kit.diagnosed("viscous_damping")
+    (first, *_) = found.verdict.causes
+    worse = replace(first, held_out=replace(first.held_out, value=-0.4))
+    text = " ".join(sentences(turned(found, Kind.EXPLAINED, [worse], {first.name: 0.95})))
+    assert "but nothing on held-out tests, where its numbers do not hold" in text and percent(-0.4) not in text

@@ -165,7 +165,7 @@ def made(posterior):
     for to in TARGETS:
         for draws in (1, 2):
             try:
-                every[to, draws] = exporting.files_of(exporting.source_of(posterior, draws), to, True, 1e-2)
+                every[to, draws] = exporting.files_of(exporting.source_of(posterior, draws, None, None), to, True, 1e-2)
             except ExportError as error:  # no compiler
                 every[to, draws] = error
     return every

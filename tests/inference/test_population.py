@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bayes_iwan.comparison.frequencies import determined_names
 from bayes_iwan.comparison.shrinkage import shrunk
 from bayes_iwan.comparison.unusual import rank_unusual
 from bayes_iwan.inference.results import population as module
 from bayes_iwan.inference.results.population import SpecimenDraws, _smaller, coordinate_of, population
+from bayes_iwan.report.batch.batch_page import Answer
 
 
 def drawn(rng, n, middle, spread, error, prior=(0.0, 3.0)):
@@ -92,6 +94,21 @@ def test_a_specimen_that_stands_out_is_named_and_others_are_not():
     assert named >= 36, named
 
 
+def test_the_mean_and_quantiles_of_the_slip_forces_are_compared_and_not_the_numbers_of_their_density():
+    """However narrow these are: they trade off against each other."""
+    names = "kp_N_mm mean_slip_force_N eta1 share_1 slip_ratio_21 slip_deviation1 slip_width open".split()
+    sd = np.array([*np.full(7, 0.05), 1.0])
+    quantiles = tuple(f"slip_force_q{x}_N" for x in (25, 50, 75))
+    free = [SimpleNamespace(name=x) for x in names]
+    problem = SimpleNamespace(likelihood=SimpleNamespace(parameters=()), names=names, prior=SimpleNamespace(free=free))
+    joint = SimpleNamespace(
+        problem=problem,
+        flat_z=lambda n: sd * np.random.default_rng(9).standard_normal((n, 8)),
+        quantities=lambda: dict.fromkeys(("slip_force_q05_N", *quantiles)),
+    )
+    assert determined_names(joint) == ("kp_N_mm", "mean_slip_force_N", *quantiles)
+
+
 def test_one_that_is_less_known_may_be_further_off():
     """Errors six times as large as the others' name a sound specimen no more often than theirs do."""
     rng, error = np.random.default_rng(6), np.r_[0.6, np.full(11, 0.1)]
@@ -118,6 +135,20 @@ def test_how_many_others_are_smaller_counts_a_specimen_s_own_error(skewed):
     which = rng.choice(4, 200_000, p=known.ravel())
     another = mean[which // 2] + tau[which % 2] * rng.standard_normal(which.size)
     assert found == pytest.approx(np.mean(another < rng.choice(draws, which.size)), abs=0.006)
+
+
+def test_a_population_that_does_not_fit_gets_no_band():
+    """One of 21 lies thirty spreads off: the typical value and the band of such a population say nothing."""
+    rng = np.random.default_rng(3)
+    sound = drawn(rng, 20, 1.5, 0.05, 0.02)
+    odd = drawn(rng, 1, 3.0, 0.0, 0.02)
+    for specimens, believed in ((sound, True), (sound + odd, False)):
+        found = population(specimens)
+        batch = SimpleNamespace(populations={"k": found}, spread_unit=lambda _: (100.0, "%"), label=str)
+        ((label, count, typical, spread, further, p),) = Answer(batch).populations()
+        assert found.believed == believed and (label, count) == ("k", len(specimens))
+        assert (typical != "does not fit") == bool(spread) == bool(further) == believed
+        assert (float(p) >= 0.01) == believed
 
 
 def test_a_quantity_of_either_sign_and_too_few_specimens():

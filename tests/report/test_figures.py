@@ -152,6 +152,7 @@ def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_pa
     """`bi.plot`: as pages have them by default, with what the user's rcParams say, into axes of theirs."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
     import bayes_iwan as bi
 
@@ -161,8 +162,12 @@ def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_pa
         own = Figure()
         ax = own.subplots()
         assert posterior.plot.frequencies(ax=ax) is own and any(x.get_linewidth() == 7.0 for x in ax.lines)
-    with mpl.rc_context({"font.size": 17.0}):  # twice this package's own
-        assert posterior.plot.frequencies().axes[0].get_xticklabels()[0].get_fontsize() == 15.0
+    for draw in (bi.plot.loops, bi.plot.frequencies, bi.plot.parameters, bi.plot.corner):
+        sizes = []
+        for size in (9.0, 18.0):  # this package's own, and twice that
+            with mpl.rc_context({"font.size": size}):
+                sizes.append({x.get_text(): x.get_fontsize() for x in draw(posterior, width="page").findobj(Text)})
+        assert all(sizes[1][x] == 2.0 * of for x, of in sizes[0].items() if x in sizes[1]), draw
     assert max(map(len, repr(posterior).split("\n"))) <= 110
     for name in ("f.svg", "f.pdf", "f.png"):
         assert bi.plot.save(figure, tmp_path / name).stat().st_size > 1000

@@ -173,11 +173,11 @@ def test_truth_files_of_other_forms(tmp_path):
 def test_changed_sealed_tests_are_found(copy):
     _, path = copy
     case, truth = path.parent / "sealed" / "case_02", sealed.read_truths(path)["case_02"]
-    sealed.check_sealed_tests("case_02", case, truth)
+    sealed.check_sealed("case_02", case, truth)
     record = sorted(case.glob("*.csv.gz"))[0]
     record.write_bytes(record.read_bytes() + b"0")
     with pytest.raises(WithheldError, match=r"sealed tests were changed after they were sealed: case_02$"):
-        sealed.check_sealed_tests("case_02", case, truth)
+        sealed.check_sealed("case_02", case, truth)
 
 
 # ---- answer

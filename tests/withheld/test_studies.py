@@ -1,16 +1,18 @@
 """The studies in `analyses/` at their smallest: that they run from end to end, and that their own parts are right."""
 
+import csv
 import importlib
 import json
+import pickle
 import sys
-from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Record
-from bayes_iwan.diagnosis.assessment.indicators import Figures
+from bayes_iwan.diagnosis.assessment import verdict
 from bayes_iwan.virtual_rig.faults import FAMILY, OUTSIDE
 from bayes_iwan.withheld import true_gaps
 
@@ -143,39 +145,17 @@ def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_moves_anot
     assert suspected["named, in the set or suspected"] and not suspected["named or in the set"]
 
 
-def figures(name, share=0.5):
-    """Figures of an effect as a study keeps them."""
-    return asdict(
-        Figures(
-            name=name, gain=20.0, alternatives={name: 0.0}, fitted=share, alone=share, held_out=share,
-            moved=0.05, gap=0.05, before=0.05, tests=6,
-        )
-    )  # fmt: skip
+@pytest.fixture(scope="module")
+def kept(study, kit):
+    """A study's case of a diagnosed campaign, through a pickle, and the diagnosis."""
 
+    def made(effect, kind):
+        d = kit.diagnosed(effect)
+        given = [{"name": effect, "size": 0.12, "visible_share": 0.9, "share": 0.9}] if effect else []
+        case = study("study_cases").Case(f"0_{kind}.pickle", kind, "", {"effects": given}, d.found, 1.0)
+        return pickle.loads(pickle.dumps(case)), d
 
-def made_case(rng, kind, name, strong):
-    """A study's case whose figures follow the truth."""
-    true = strong and kind == "single"
-    figure = figures(name, 0.9 if true else 0.1) | {"gain": float(rng.normal(60.0 if true else 5.0, 2.0))}
-    figure |= {"alternatives": {name: 0.0, "other": -20.0 if true else -0.5}, "held_out": 0.7 if true else -0.2}
-    effects = [{"name": name, "law": "law", "size": 0.05, "visible_share": 0.9}] if true else []
-    if kind == "outside":
-        effects = [{"name": "rocking", "law": "", "size": 0.05, "visible_share": 0.9}]
-    before = 0.05 if kind != "none" else 0.001
-    scores = {"": 0.0, name: 60.0 if true else -60.0}
-    return {
-        "scores": scores,
-        "path": f"{kind}.pickle",
-        "kind": kind,
-        "family": "cycle" if kind == "outside" else "",
-        "tests": 6,
-        "truth": {"kind": kind, "effects": effects, "noise": {"share_of_friction": 0.005}},
-        "figures": [figure],
-        "gap_resolved": {"": before, name: 0.003 if true else before},
-        "subharmonic": 1.0,
-        "chosen": [],
-        "cpu_s": 1.0,
-    }
+    return made
 
 
 def test_true_shares_of_what_is_named_and_of_all_faults():
@@ -188,11 +168,38 @@ def test_true_shares_of_what_is_named_and_of_all_faults():
     assert true_gaps.by_set(true_gaps.by_name(gap_N)) == {frozenset(k): v for k, v in gap_N.items()}
 
 
-def test_calibration_tells_true_places_from_idle_ones_with_families_left_out(study):
+@pytest.mark.parametrize(("effect", "kind"), [("viscous_damping", "single"), (None, "none")])
+def test_a_study_says_what_ships(study, kept, effect, kind, monkeypatch):
+    cases_of, (case, d) = study("study_cases"), kept(effect, kind)
+    c = study("calibrate_diagnosis").calibration()
+    a = cases_of.answer(case.assessed(), c)
+    assert a.named == {*d.verdict.names} and a.unknown == d.verdict.probabilities["unknown"]
+    assert a.probabilities == {n: d.verdict.probabilities[n] for n in a.probabilities}
+    assert a.shares == {x.name: x.share for x in d.verdict.causes}
+    found = cases_of.counts(case, a)
+    assert found["false names, all cases"] == (False, 1)
+    assert found["singles named" if effect else "alarms, sound"] == (bool(effect), 1)
+    monkeypatch.setattr(verdict, "NAMED", 1.0)
+    assert cases_of.answer(case, c).named == frozenset()  # whatever the package would not name
+
+
+def test_constants_are_fitted_to_what_is_left_with_families_left_out(study, monkeypatch):
     calibrate, cases_of = study("calibrate_diagnosis"), study("study_cases")
-    rng = np.random.default_rng(0)
-    kinds = ("single", "none", "outside")
-    cases = [cases_of.case_of(made_case(rng, kinds[i % 3], "moving_mass", True)) for i in range(60)]
+    gap = SimpleNamespace(all=SimpleNamespace(resolved_share=0.05))
+    found = SimpleNamespace(models=SimpleNamespace(sizes={frozenset(): gap}))
+
+    def case(i):
+        kind = ("single", "none", "outside")[i % 3]
+        name = {"single": "moving_mass", "outside": "rocking"}.get(kind)
+        effects = [{"name": name, "size": 0.05, "visible_share": 0.9}] if name else []
+        return cases_of.Case(f"{kind}.pickle", kind, "cycle" * (i % 3 == 2), {"effects": effects}, found, 1.0)
+
+    def answer(case, c):
+        named, left = case.true - case.foreign, 0.05 if case.foreign else 0.002
+        return cases_of.Answer(named, named, dict.fromkeys(named, 0.9), c.unknown_cause(left), left)
+
+    monkeypatch.setattr(calibrate, "answer", answer)
+    cases = [case(i) for i in range(60)]
     c = calibrate.fitted(cases, calibrate.answers(cases, [calibrate.calibration()] * len(cases)))
     assert c.unexplained > 0.0
     for constants in ([c] * len(cases), calibrate.held_out_in_turn(cases)):
@@ -201,22 +208,22 @@ def test_calibration_tells_true_places_from_idle_ones_with_families_left_out(stu
         assert found["singles named"] == (20.0, 20.0)
         assert found["false names, all cases"] == (0.0, 60.0)
         assert found["alarms, sound"] == (0.0, 20.0)
-    assert found["foreign flagged"][1] == 20.0
+        assert found["foreign flagged"] == (20.0, 20.0)
 
 
-def test_an_ablation_changes_one_thing_and_puts_it_back(study):
-    ablate, cases_of = study("ablate_diagnosis"), study("study_cases")
-    rng = np.random.default_rng(0)
-    kinds = ("single", "none", "outside")
-    cases = [cases_of.case_of(made_case(rng, kinds[i % 3], "moving_mass", True)) for i in range(30)]
-    on = ablate.scored(cases)
-    off = ablate.switched_off()
-    with ablate.patched(off["NAMED 0.8"][0]):
-        assert ablate.verdict.NAMED == 0.8
-        stricter = ablate.scored(cases)
-    assert ablate.verdict.NAMED != 0.8 and stricter["right"].sum() <= on["right"].sum() == 10.0
-    told = ablate.row("nothing", on, on, (1.0, 1.0))
-    assert told["right change"] == "+0.0 (+0.0 to +0.0)" and told["false"] == 0.0
+def test_an_ablation_changes_one_thing_and_puts_it_back(study, kept, tmp_path, monkeypatch):
+    ablate = study("ablate_diagnosis")
+    for effect, kind in (("viscous_damping", "single"), (None, "none")):
+        (tmp_path / f"0_{len(kind)}.pickle").write_bytes(pickle.dumps(kept(effect, kind)[0]))
+    some = {k: v for k, v in ablate.switched_off().items() if "places" in k or "held" in k or "whole" in k}
+    monkeypatch.setattr(ablate, "switched_off", lambda: some | {"NAMED 1": [(ablate.verdict, "NAMED", 1.0)]})
+    files = [str(x) for x in tmp_path.glob("*.pickle")]
+    monkeypatch.setattr(sys, "argv", ["ablate_diagnosis.py", "assessment", *files, "--out", str(tmp_path / "a.csv")])
+    ablate.main()
+    rows = {r["without"]: r for r in csv.DictReader((tmp_path / "a.csv").open())}
+    assert rows["nothing"]["right change"] == "+0.0 (+0.0 to +0.0)" and rows["nothing"]["right"] == "1.0"
+    assert rows["NAMED 1"]["right"] == "0.0" and ablate.verdict.NAMED < 1.0
+    assert len(rows) == len(some) + 2 == 5
 
 
 def test_draws_of_a_study_hold_every_foreign_kind_and_the_own_model(study):

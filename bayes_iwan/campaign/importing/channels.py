@@ -11,6 +11,7 @@ from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
+from bayes_iwan.campaign.importing.scaling import SAME_RATE, SINGLE_S
 from bayes_iwan.campaign.importing.unit_texts import ROLES, converted, is_ratio, is_volts, may_be, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.errors import nearest
@@ -164,10 +165,21 @@ def _times(recording: Recording, channel: Channel, used: list[Channel]) -> list[
     for c in some[1:]:
         other = c.values - c.values[0]
         size = float(np.nanmax(np.abs(other))) / scale
+        if not _as_units_say(size, some[0], c):
+            return some
         late = abs(c.values[0] - some[0].values[0] * size) / (scale * size)  # of the record: more is another day's
         if not np.allclose(other, first * size, atol=1e-6 * scale * size, equal_nan=True) or 1e-6 < late < LATE:
             return some
     return some[:1]
+
+
+def _as_units_say(size: float, first: Channel, other: Channel) -> bool:
+    """Whether one clock may count so many times what another counts: by the units that they state, or any without."""
+    one, another = (
+        converted(np.ones(1), c.unit, "", "time", c.name)[0] if c.unit else tuple(SINGLE_S.values())
+        for c in (first, other)
+    )
+    return any(abs(size * b / a - 1.0) < SAME_RATE for a in one for b in another)
 
 
 def _rises(values: np.ndarray) -> bool:

@@ -353,7 +353,7 @@ def _named(record: Record) -> Record:
     level, _, _ = without_drift(record.time_s, record.displacement_mm)
     if not record.clock:
         record = replace(record, time_s=cycles_as_time(record.file, level))
-    found = average(replace(record, displacement_mm=level), n_phase=64, n_harmonics=8, n_blocks=1)
+    found = average(replace(record, displacement_mm=level), n_blocks=1)
     return replace(
         record,
         frequency_hz=float(f"{found.frequency_hz:.{FREQUENCY_DIGITS}g}") if record.clock else WITHOUT_CLOCK_HZ,

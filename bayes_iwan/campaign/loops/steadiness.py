@@ -76,7 +76,13 @@ def disturbances(loop: Loop) -> list[str]:
     Raises CampaignError for a jump of phase of more than LARGE_JUMP and for stretches in which a channel is dead.
     """
     each = cycles_of(loop)
-    if loop.n_cycles < FEWEST:
+    stretches: list[str] = []
+    for name, values, mean_loop in (
+        ("displacement", loop.record.displacement_mm, loop.displacement_mm),
+        ("force", loop.record.force_N, loop.force_N),
+    ):
+        stretches += _stretches(loop, name, values, float(np.ptp(mean_loop)))
+    if loop.n_cycles < FEWEST:  # a channel that is dead for a while is seen among three, what is off by some is not
         notes = _jumped(loop, *_short_cycle(loop)) if loop.record.clock else []
         return notes + ([] if loop.cut.late else _force_amplitude(loop, each))
     notes = _phase(loop, each) if loop.record.clock else []
@@ -87,13 +93,7 @@ def disturbances(loop: Loop) -> list[str]:
         ("force", "N", each.force_mean_N, np.ptp(loop.force_N)),
     ):
         notes += _step(loop, name, unit, each, mean, float(height))
-    notes += _alternating(each)
-    for name, values, mean_loop in (
-        ("displacement", loop.record.displacement_mm, loop.displacement_mm),
-        ("force", loop.record.force_N, loop.force_N),
-    ):
-        notes += _stretches(loop, name, values, float(np.ptp(mean_loop)))
-    return notes
+    return notes + _alternating(each) + stretches
 
 
 def _outlying(values: Array, floor: float) -> tuple[int, float]:

@@ -17,7 +17,7 @@ from bayes_iwan.diagnosis.constants import EFFECT_NATS
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit, FitError, base_problem, fit_model
 from bayes_iwan.diagnosis.search.base_fit import cheapest, quick_gap_N
-from bayes_iwan.diagnosis.search.candidates import LAWS_MOST, on_top, start_points
+from bayes_iwan.diagnosis.search.candidates import on_top, start_points
 from bayes_iwan.diagnosis.search.search_result import Search
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.inference.setup.priors import Prior
@@ -170,7 +170,7 @@ def _imitation(search: Search, free: Fit, freedom: Freedom, friction_N: float, l
         return None
     fits = {freedom.name: free}
     for name in freedom.effects:
-        some = [f for e in search.effects.get(name, ())[:LAWS_MOST] if (f := _with(data, neutral, e)) is not None]
+        some = [f for e in search.effects.get(name, ()) if (f := _with(data, neutral, e)) is not None]
         if some:
             fits[name] = max(some, key=lambda f: f.log_evidence)
     found = sorted(

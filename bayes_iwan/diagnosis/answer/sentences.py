@@ -159,7 +159,8 @@ def _cause(c: Cause, d: Diagnosis) -> str:
     text = f"{capital(title(c.name))}{strength(numbers)}{side} (probability {probability(c.probability)}) {verb} "
     text += f"{percent(c.share.value)} of the gap ({percent(c.share.low)} to {percent(c.share.high)})"
     if c.held_out is not None:
-        text += f", {percent(c.held_out.value)} on held-out tests"
+        on, value = "on held-out tests", c.held_out.value
+        text += f", {percent(value)} {on}" if value > 0.0 else f", but nothing {on}, where its numbers do not hold"
     if c.along is not None and c.along > c.share.value + ALONG_SAID:
         text += f", and {percent(c.along)} of what changes along the records"
     text += "."

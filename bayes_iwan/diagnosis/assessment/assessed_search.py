@@ -7,7 +7,7 @@ import numpy as np
 
 from bayes_iwan.arrays import brief
 from bayes_iwan.diagnosis.assessment.calibration import SetProbabilities, set_probabilities
-from bayes_iwan.diagnosis.assessment.indicators import Figures, compared_sets, figures_of, three_sets
+from bayes_iwan.diagnosis.assessment.indicators import Figures, figures_of, three_sets
 from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_size
 from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, held_out_gaps
@@ -67,7 +67,6 @@ class Weighed:
     figures : of every effect of that set
     models : fits and gaps of it and of what it is compared with
     held_out : what the compared sets miss on held-out tests; sets : probability of every fitted set
-    subharmonic : the largest power of a line at half a test's frequency over its background
     """
 
     search: Search
@@ -75,7 +74,6 @@ class Weighed:
     models: Models
     held_out: tuple[HeldOut, ...]
     sets: SetProbabilities
-    subharmonic: float
 
     __repr__ = brief
 
@@ -84,7 +82,12 @@ def weighed(search: Search, seed: int) -> Weighed:
     """Figures of the effects of the best set, fits and gaps behind them."""
     models, whole = Models(search, seed), frozenset(search.chosen)
     models.find(three_sets(whole))
-    held_out = held_out_gaps([search.fits[k] for k in compared_sets(search)], search.data) if whole else ()
-    figures = figures_of(search, models.sizes, models.nearest[whole], held_out)
-    line = float(np.max(search.data.subharmonic, initial=0.0))
-    return Weighed(search, figures, models, held_out, set_probabilities(search.scores, search.data.tests), line)
+    compared = [search.fits[k] for k in dict.fromkeys(three_sets(whole)) if k in search.fits]
+    held_out = held_out_gaps(compared, search.data) if whole else ()
+    return assessed(search, models, held_out)
+
+
+def assessed(search: Search, models: Models, held_out: tuple[HeldOut, ...]) -> Weighed:
+    """The same from fits that are there."""
+    figures = figures_of(search, models.sizes, models.nearest[frozenset(search.chosen)], held_out)
+    return Weighed(search, figures, models, held_out, set_probabilities(search.scores, search.data.tests))

@@ -14,12 +14,10 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.diagnosis.assessment.indicators import Figures
-from bayes_iwan.diagnosis.constants import LEAST_MODEL_FORM, LEAST_OF_FRICTION, LEAST_SHARE, NAMED
+from bayes_iwan.diagnosis.constants import LEAST_MODEL_FORM, LEAST_OF_FRICTION, LEAST_SHARE
 from bayes_iwan.diagnosis.fits.gap_size import Gap, GapSize, shrink
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.effects.catalogue import UNLISTED
-
-__all__ = ["NAMED"]  # where a figure draws the line
 
 #: half width of a 90 % interval in standard deviations
 NINETY = 1.645

@@ -64,13 +64,8 @@ def ln_size(left: float) -> float:
     return float(np.log(max(left, 1e-5) / USUAL_GAP))
 
 
-def from_json(stored: Mapping[str, object]) -> Calibration:
-    """Constants from what :meth:`Calibration.save` wrote."""
-    values = {k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()}
-    return Calibration(**values)  # type: ignore[arg-type]
-
-
 @cache
-def calibration() -> Calibration:
-    """The constants shipped with the package."""
-    return from_json(json.loads(CALIBRATION.read_text()))
+def calibration(path: Path = CALIBRATION) -> Calibration:
+    """The constants shipped with the package, or others that :meth:`Calibration.save` wrote."""
+    stored = json.loads(path.read_text())
+    return Calibration(**stored | {"usual": tuple(stored["usual"])})

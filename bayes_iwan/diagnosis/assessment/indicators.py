@@ -12,13 +12,13 @@ from functools import partial
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LEAST_OF_FRICTION, LONGEST_PERIODS, OTHER_SETS
+from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LEAST_OF_FRICTION, LONGEST_PERIODS
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, moved_shares
 from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, share_by_test
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
-from bayes_iwan.diagnosis.search.search_result import MODEL_FORM, Search, alike_pairs, any_alike, look_alike, score
+from bayes_iwan.diagnosis.search.search_result import Search, alike_pairs, any_alike, score
 from bayes_iwan.effects.base import Effect
 
 Names = frozenset[str]
@@ -39,8 +39,6 @@ class Figures:
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
     tests : how many were fitted; odd : why its numbers are not plausible, "" where they are
-    beside : effects of the best set that look alike, the base's form apart: of a cause whose law is neither's both take
-        a part, and either removes little as the last one
     """
 
     name: str
@@ -55,7 +53,6 @@ class Figures:
     tests: int
     odd: str = ""
     along: float | None = None
-    beside: tuple[str, ...] = ()
 
     @property
     def has_held_out(self) -> bool:
@@ -68,21 +65,13 @@ def three_sets(names: Names) -> list[Names]:
     return [Names(), *(frozenset({n}) for n in sorted(names)), *(names - {n} for n in sorted(names)), names]
 
 
-def compared_sets(search: Search) -> tuple[Names, ...]:
-    """The sets that are refitted without the held-out tests: the best, it without each effect, each alone, the base,
-    and for each effect the best few that lack it."""
-    ranked = sorted(search.scores, key=lambda k: -search.scores[k])
-    without = [k for n in search.chosen for k in [k for k in ranked if n not in k][:OTHER_SETS]]
-    return tuple(k for k in dict.fromkeys([*three_sets(frozenset(search.chosen)), *without]) if k in search.fits)
-
-
 def figures_of(
     search: Search, sizes: Mapping[Names, GapSize], whole_in_newtons: Fit, held_out: Sequence[HeldOut]
 ) -> tuple[Figures, ...]:
     """The figures of every effect of the best set.
 
     sizes : gap of the base, the best set, it without each effect and each effect alone; whole_in_newtons : the best set
-    where it misses least; held_out : what :func:`compared_sets` miss on held-out tests
+    where it misses least; held_out : what these miss on held-out tests
     """
     whole, none = frozenset(search.chosen), Names()
     if not whole:
@@ -113,7 +102,7 @@ def figures_of(
                 },
                 fitted=float(fitted),
                 alone=1.0 - sizes[frozenset({name})].all.rms_N / before,
-                held_out=_mean([chosen_share(u.power_N2, x, has) for u, x in zip(held_out, ranked)])
+                held_out=float(np.mean([chosen_share(u.power_N2, x, has) for u, x in zip(held_out, ranked)]))
                 if predicts
                 else float("nan"),
                 moved=moved[name],
@@ -121,7 +110,6 @@ def figures_of(
                 before=before / level,
                 tests=data.tests,
                 along=share_along,
-                beside=tuple(n for n in sorted(less) if n not in MODEL_FORM and look_alike(search.effects, name, n)),
                 # numbers are reported from the one fit, shares from the other
                 odd=implausible(effect, best, data)
                 or implausible(effect, whole_in_newtons, data)
@@ -159,11 +147,6 @@ def chosen_share(power_N2: Mapping[Names, Array], scores: Mapping[Names, Array],
         other = max(without, key=lambda k: scores[k][t])
         out.append(share_by_test(power_N2[other], power_N2[top])[t] if has(top) else 0.0)
     return float(np.mean(out))
-
-
-def _mean(values: Sequence[float]) -> float:
-    finite = [x for x in values if np.isfinite(x)]
-    return float(np.mean(finite)) if finite else float("nan")
 
 
 def implausible(effect: Effect, fit: Fit, data: GapData) -> str:

@@ -24,7 +24,6 @@ from bayes_iwan.diagnosis.assessment.budget import (
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, SetProbabilities, any_of
 from bayes_iwan.diagnosis.assessment.indicators import Figures, three_sets
 from bayes_iwan.diagnosis.constants import (
-    LEAST_ALONG,
     LEAST_GAP,
     NAMED,
     REFUSED,
@@ -61,9 +60,9 @@ def named_by(given: Sequence[Figures], sets: SetProbabilities) -> tuple[str, ...
 
 
 def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
-    """An effect and what else could be in its place, the likeliest first, and what takes a part of it."""
+    """An effect and what else could be in its place, the likeliest first."""
     there = {n: v for n, v in f.alternatives.items() if n not in NO_CAUSE and v > -c.apart}
-    return (*sorted(there, key=lambda n: -there[n]), *f.beside)
+    return tuple(sorted(there, key=lambda n: -there[n]))
 
 
 def one_of(given: Sequence[Figures], named: Sequence[str], sets: SetProbabilities, c: Calibration) -> tuple[OneOf, ...]:
@@ -72,8 +71,7 @@ def one_of(given: Sequence[Figures], named: Sequence[str], sets: SetProbabilitie
     out: list[OneOf] = []
     for f in given:
         some = candidates_of(f, c)
-        fitted = f.alone if f.beside else f.fitted
-        if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or fitted < least_share(f.name, f.before):
+        if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
             continue
         if any({*some} == {*x.names} for x in out):
             continue
@@ -122,11 +120,6 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     p = contributing(found.figures, found.sets)
     probabilities = {n: p.get(n, 0.0) for n in found.search.effects if n not in NO_CAUSE}
     causes = _causes(found, named, probabilities, c, held_out)
-    while idle := [x for x in causes if _idle(x)]:
-        worst = idle[-1].name  # the least share
-        probabilities[worst] = min(probabilities[worst], REFUSED)
-        named = tuple(n for n in named if n != worst)
-        causes = _causes(found, named, probabilities, c, held_out)
     beside = frozenset(named) | usual_form(found.figures)
     found.models.find([beside])
     by_size = c.unknown_cause(found.models.sizes[beside].all.resolved_share)
@@ -145,12 +138,6 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     left, before = (found.models.sizes[k].all.rms_N for k in (frozenset(named), frozenset[str]()))
     alone = suspects(found, named, c) if flagged and not some and left > SUSPECT * before else ()
     return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)
-
-
-def _idle(x: Cause) -> bool:
-    """Does a cause remove nothing on held-out tests? Tests with role "held-out" do not change what is named, and what
-    acts along the record is asked there."""
-    return not x.along and x.held_out is not None and x.held_out_by != HELD_OUT and x.held_out.value <= 0.0
 
 
 def suspects(found: Weighed, named: Sequence[str], c: Calibration) -> tuple[Suspect, ...]:
@@ -203,7 +190,7 @@ def _causes(
                 tied_with=tuple(n for n in candidates_of(f, c) if n not in named),
                 figures=f,
                 gaps=on_held_out or on_fitted,
-                along=along if along is None or along >= LEAST_ALONG else 0.0,
+                along=along,
             )
         )
     return tuple(sorted(out, key=lambda x: -x.share.value))

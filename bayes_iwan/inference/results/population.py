@@ -22,6 +22,8 @@ from bayes_iwan.arrays import Array, brief
 GRID, DRAWS = 40, 160
 #: fewer specimens than this say nothing about a spread
 LEAST = 3
+#: p-value below which the population model does not fit
+LEAST_FIT = 0.01
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,11 @@ class Population:
     def fits(self) -> float:
         """p-value of the population model: do specimens lie where the others say (Kolmogorov–Smirnov on `pit`)?"""
         return float(stats.kstest(self.pit, "uniform").pvalue)
+
+    @property
+    def believed(self) -> bool:
+        """Do typical value, spread and band say anything: does the population model fit?"""
+        return self.fits() >= LEAST_FIT
 
 
 def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population | None:

@@ -72,9 +72,9 @@ class Answer(BatchSection):
             size = f" The gap is {100 * np.median(gaps):.2g} % of the friction force in the median." if gaps else ""
             text = "Causes found: " + ", ".join(f"{c} ({n})" for c, n in causes.most_common(6)) + "." + size
             found.append((text, set(causes) <= {"none"}, "Causes found"))
-        poor = [result.label(q) for q, p in result.populations.items() if p.fits() < 0.01]
+        poor = [result.label(q) for q, p in result.populations.items() if not p.believed]
         if poor:
-            text = f"A normal population does not fit {', '.join(poor)}: read its bands with care, and look for lots."
+            text = f"A normal population does not fit {', '.join(poor)}, so no band is given: look for lots."
             found.append((text, False, ""))
         return found
 
@@ -89,7 +89,8 @@ class Answer(BatchSection):
             typical = "{} [{}, {}]".format(*in_interval(*p.typical))
             low, high = p.next_specimen
             further = f"{number(low, high - low)} to {number(high, high - low)}"
-            rows.append((self.r.label(name), len(p.names), typical, spread, further, f"{p.fits():.2f}"))
+            said = (typical, spread, further) if p.believed else ("does not fit", "", "")
+            rows.append((self.r.label(name), len(p.names), *said, f"{p.fits():.2g}"))
         return rows
 
     def legend(self) -> list[tuple[str, str, str]]:
@@ -245,7 +246,7 @@ def parameters_figure(result: Batch) -> Figure:
     figure, axes = subplots(len(names), 1, wide, 1.25 * len(names) + 0.8, sharex=True)
     outliers = result.outliers()
     for ax, name in zip(axes[:, 0], names):
-        if name in result.populations:
+        if name in result.populations and result.populations[name].believed:
             ax.axhspan(*result.populations[name].next_specimen, color=MODEL, alpha=0.15, linewidth=0)
         label = name
         for i, x in enumerate(result.finished):

@@ -33,11 +33,11 @@ WORDS = {
 def sheet_figure(batch: Batch) -> Figure:
     """One A4 page: a table of populations, the most unusual specimens, and what the diagnosis found."""
     figure = Figure(figsize=A4, layout=None)
-    figure.text(0.08, 0.955, f"{len(batch.finished) + len(batch.failures)} specimens", fontsize=18, weight="bold")
+    figure.text(0.08, 0.955, f"{len(batch.finished) + len(batch.failures)} specimens", size="xx-large", weight="bold")
     head = f"{len(batch.finished)} finished, {len(batch.failures)} failed · {date.today()} · bayes-iwan {__version__}"
-    figure.text(0.08, 0.935, head, fontsize=9, color="#555555")
+    figure.text(0.08, 0.935, head, color="#555555")
     said = "\n".join(fill(x, 100) for x in _said(batch))
-    figure.text(0.08, 0.90, said, fontsize=9.5, va="top", linespacing=1.5)
+    figure.text(0.08, 0.90, said, va="top", linespacing=1.5)
     top = 0.87 - LINE * (said.count("\n") + 1)
     rows = _table(figure.add_axes((0.08, top - 0.1, 0.84, 0.1)), batch)
     top -= ROW * (rows + 1) + 0.05
@@ -84,11 +84,11 @@ def _table(ax: Axes, batch: Batch) -> int:
         spread = f"{times * p.spread[0]:.2g} {unit}"
         low, high = p.next_specimen
         typical = "{} [{}, {}]".format(*in_interval(*p.typical))
-        rows.append(
-            [known.get(q, batch.label(q)), typical, spread, f"{number(low, high - low)} to {number(high, high - low)}"]
-        )
+        further = f"{number(low, high - low)} to {number(high, high - low)}"
+        said = [typical, spread, further] if p.believed else ["does not fit", "", ""]
+        rows.append([known.get(q, batch.label(q)), *said])
     if not rows:
-        ax.text(0.0, 1.0, "Fewer than three specimens determine any quantity.", va="top", fontsize=9)
+        ax.text(0.0, 1.0, "Fewer than three specimens determine any quantity.", va="top")
         return 0
     table = ax.table(
         rows,
@@ -99,9 +99,9 @@ def _table(ax: Axes, batch: Batch) -> int:
         edges="horizontal",
     )
     table.auto_set_font_size(False)
-    table.set_fontsize(8)
     for cell in table.get_celld().values():
         cell.set_height(ROW / 0.1)
+        cell.get_text().set_fontsize("small")
     return len(rows)
 
 
@@ -111,7 +111,7 @@ def _ranking(ax: Axes, batch: Batch) -> None:
         ax.axis("off")
         return
     draw_unusual(ax, shown)
-    ax.set_yticks(ax.get_yticks(), [x.name[:28] for x in shown], fontsize=7)
+    ax.set_yticks(ax.get_yticks(), [x.name[:28] for x in shown], size="small")
     more = f" (the first {SPECIMENS} of {len(batch.unusual)})" if len(batch.unusual) > SPECIMENS else ""
     ax.set_xlabel(f"robust distance from the others, 1 for a usual one{more}; orange: unusual")
 

@@ -11,22 +11,10 @@ from matplotlib.figure import Figure
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.answer.result import Moved
 from bayes_iwan.diagnosis.answer.wording import title
-from bayes_iwan.diagnosis.assessment.budget import NAMED, GapBudget, OneOf
+from bayes_iwan.diagnosis.assessment.budget import GapBudget, OneOf
+from bayes_iwan.diagnosis.constants import NAMED
 from bayes_iwan.report.diagnosis.gap_figures import panel_a_test
-from bayes_iwan.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PRIOR,
-    RED,
-    SKY,
-    Shown,
-    asked_width,
-    narrow,
-    styled,
-    subplots,
-)
+from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, blank, narrow, styled, subplots
 
 
 def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> None:
@@ -38,18 +26,8 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
     for c in budget.causes:
         rows.append((fill(title(c.name), 22), top - c.share.value, c.share.value, BLUE, (c.share.low, c.share.high)))
         top -= c.share.value
-    unexplained = budget.unexplained.share
-    flagged = budget.unexplained.probability >= 0.5
-    label = "unexplained"
-    rows.append(
-        (
-            label,
-            0.0,
-            unexplained.value,
-            ORANGE if flagged else GREEN,
-            (unexplained.low, unexplained.high) if budget.causes else None,
-        )
-    )
+    share, colour = budget.unexplained.share, ORANGE if budget.unexplained.probability >= 0.5 else GREEN
+    rows.append(("unexplained", 0.0, share.value, colour, (share.low, share.high) if budget.causes else None))
     hatched = []
     for x in one_of:
         some = f"{title(x.names[0])} or {title(x.names[1]) if len(x.names) == 2 else f'{len(x.names) - 1} others'}"
@@ -70,7 +48,7 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
             at, side, shift, colour = left, "right", -3, "black"
         else:
             at, side, shift, colour = end, "left", 3, "black"
-        ax.annotate(text, (at, k), xytext=(shift, 0), textcoords="offset points", va="center", ha=side, fontsize=7.5,
+        ax.annotate(text, (at, k), xytext=(shift, 0), textcoords="offset points", va="center", ha=side, size="small",
                     color=colour)  # fmt: skip
     falls = 1 + len(budget.causes)
     for k, (_, left, _, _, _) in zip(y[1:falls], rows[1:falls]):
@@ -100,7 +78,7 @@ def headline_figure(
     causes: one average cycle, or two that are apart in the record, one below the other."""
     small, n = narrow(), len(shown)
     height = 2.4 * (n + 1) if small else 2.8 if n == 1 else 3.6
-    figure = Shown(figsize=(asked_width(7.8), height), layout="constrained")
+    figure = blank(7.8, height, "constrained")
     grid = figure.add_gridspec(n + 1, 1) if small else figure.add_gridspec(n, 2, width_ratios=[1.05, 1.2])
     ax = figure.add_subplot(grid[0, 0] if small else grid[:, 0])
     _waterfall(ax, budget, one_of)
@@ -117,14 +95,13 @@ def headline_figure(
     low, high = right[0].get_ylim()
     if len(shown) == 1:
         right[0].set_ylim(low, high + 0.5 * (high - low))
-        right[0].legend(loc="upper left", fontsize=7)
+        right[0].legend(loc="upper left")
         right[0].set_ylabel("measured − model (N)")
     else:
         for above in right[:-1]:
             above.tick_params(labelbottom=False)
-        figure.legend(
-            *right[0].get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=2 if small else 3
-        )
+        key = right[0].get_legend_handles_labels()
+        figure.legend(*key, loc="outside lower right", ncols=2 if small else 3)
         right[-1].set_ylabel("measured − model (N)", y=1.1)
     return figure
 
@@ -159,10 +136,12 @@ def shares_figure(budget: GapBudget) -> Figure:
         ax.plot([], [], "D", color=RED, markerfacecolor="white", label="on held-out tests of the fit")
     ax.axvline(0.0, color=BLACK, linewidth=0.6)
     ax.set_yticks(y, [c.name.replace("_", " ") for c in causes])
-    ax.set_ylim(-0.7, len(causes) - 0.4)
-    ax.set_xlim(min(-0.05, 1.05 * least), 1.03)
-    ax.set_xlabel("share of the gap that it removes, with 90 % intervals")
-    figure.legend(loc="outside upper center", ncols=2, fontsize=7.5)
+    ax.set(
+        ylim=(-0.7, len(causes) - 0.4),
+        xlim=(min(-0.05, 1.05 * least), 1.03),
+        xlabel="share of the gap that it removes, with 90 % intervals",
+    )
+    figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 
@@ -171,7 +150,8 @@ def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str
     """Probability that each effect contributes, that none does, and that the unexplained part has a cause without a
     name."""
     ranked = sorted(probabilities.items(), key=lambda x: -x[1])
-    always = ("none", "unknown", "drive")
+    always = {"none": "none: the model suffices", "unknown": "unknown: something else is there"}
+    always |= {"drive": "the drive: no cause found"}
     keep = [x for x in ranked if x[0] in always or x[1] >= 0.005][:most]
     keep += [x for x in ranked if x[0] in always and x not in keep]
     figure, axes = subplots(1, 1, 6.2, 0.3 * len(keep) + 0.8)
@@ -180,19 +160,13 @@ def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str
     for k, (name, p) in zip(y, keep):
         colour = {"none": GREEN, "unknown": ORANGE, "drive": ORANGE}.get(name, BLUE if name in named else PRIOR)
         ax.barh(k, p, 0.68, color=colour, alpha=0.85, edgecolor="white")
-        ax.annotate(
-            f"{p:.2f}" if p >= 0.005 else "< 0.01",
-            (p, k),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.5,
-        )
-    ax.set_yticks(y, [_words(name) for name, _ in keep])
+        text = f"{p:.2f}" if p >= 0.005 else "< 0.01"
+        ax.annotate(text, (p, k), xytext=(3, 0), textcoords="offset points", va="center", size="small")
+    ax.set_yticks(y, [always.get(name, title(name)) for name, _ in keep])
     ax.set_xlim(0.0, 1.08)
     ax.set_xticks(np.linspace(0, 1, 6))
     ax.axvline(NAMED, color=BLACK, linewidth=0.6, linestyle=(0, (4, 2)))
-    ax.set_xlabel(f"probability (several may contribute; named from {NAMED:g} on)")
+    ax.set_xlabel(f"probability (named from {NAMED:g} on)")
     ax.grid(axis="y", visible=False)
     return figure
 
@@ -205,8 +179,8 @@ def before_after_figure(shown: Sequence[CycleResidual], causes: str) -> Figure:
         _cycle_residual(ax, one, causes)
         ax.set_title(one.name, loc="left")
         ax.locator_params(axis="y", nbins=4)
-    figure.supxlabel("phase of the cycle (0: upward through the middle)", fontsize=9)
-    figure.supylabel("measured − model (N)", fontsize=9)
+    figure.supxlabel("phase of the cycle (0: upward through the middle)")
+    figure.supylabel("measured − model (N)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2 if narrow() else 3)
     return figure
 
@@ -224,15 +198,5 @@ def moved_figure(moved: Mapping[str, Moved]) -> Figure:
     ax.hlines(y, 0.0, change, color=BLUE, linewidth=1.2)
     ax.plot(change, y, "o", color=BLUE)
     ax.set_yticks(y, names)
-    ax.set_ylim(-0.6, len(names) - 0.4)
-    ax.set_xlabel("change in standard deviations (grey: within one)")
+    ax.set(ylim=(-0.6, len(names) - 0.4), xlabel="change in standard deviations (grey: within one)")
     return figure
-
-
-def _words(name: str) -> str:
-    own = {
-        "none": "none: the model suffices",
-        "unknown": "unknown: something else is there",
-        "drive": "the drive: no cause found",
-    }
-    return own.get(name, title(name))

@@ -120,13 +120,7 @@ def _write(found: Diagnosis, folder: Path, ahead: Ahead) -> Path:
     # in N and mm: the page puts its units into them
     figures = {name: ahead.figures.get(name) or draw() for name, draw in figures_of_diagnosis(found).items()}
     clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")
-    page = write_diagnosis_page(
-        found,
-        figures,
-        folder / "diagnosis.html",
-        provenance(found.campaign, found.seed),
-        ahead.renderer,
-        effect_viewer_data(found) if found.verdict.causes else None,
-    )
+    made, viewer = provenance(found.campaign, found.seed), effect_viewer_data(found) if found.verdict.causes else None
+    page = write_diagnosis_page(found, figures, folder / "diagnosis.html", made, ahead.renderer, viewer)
     write_answer(found, folder)  # last: where it stands, all of them do
     return page

@@ -210,9 +210,7 @@ class CannotTell(DiagnosedSection):
 
     def benches(self) -> list[Row]:
         verdict = self.r.found.verdict
-        asked = {n for c in verdict.causes for n in (c.name, *c.tied_with)} | {
-            n for x in verdict.one_of for n in x.names
-        }
+        asked = {n for c in verdict.causes for n in (c.name, *c.tied_with)}.union(*(x.names for x in verdict.one_of))
         effects = {n: laws[0] for n, laws in self.r.found.search.effects.items() if n in asked}
         return [(title(n), e.bench) for n, e in effects.items() if e.bench]
 
@@ -241,9 +239,8 @@ def _yes(yes: bool) -> str:
 
 def order_ahead(figures: Mapping[str, Figure], units: Units, renderer: Renderer) -> None:
     """Order the gap's own figures as the page will, before there is a diagnosis."""
-    Page("", units=units, renderer=renderer).add(
-        GapFigures(SimpleNamespace(figures=figures))
-    )  # all that is known by then
+    known_by_then = SimpleNamespace(figures=figures)
+    Page("", units=units, renderer=renderer).add(GapFigures(known_by_then))
 
 
 def write_diagnosis_page(
@@ -259,14 +256,9 @@ def write_diagnosis_page(
     figures : by name; those missing are omitted; made : from what and when; viewer : of
     :func:`bayes_iwan.report.viewer.effect_viewer_data`.
     """
-    page = Page(
-        f"Diagnosis: {found.campaign.name}",
-        "What the model misses, what makes it, what is left and the next test",
-        "Every number here is in diagnosis.json.",
-        found.campaign.units,
-        made,
-        renderer,
-    )
+    subtitle = "What the model misses, what makes it, what is left and the next test"
+    footer, units = "Every number here is in diagnosis.json.", found.campaign.units
+    page = Page(f"Diagnosis: {found.campaign.name}", subtitle, footer, units, made, renderer)
     r = Diagnosed(found=found, figures=figures, viewer=viewer)
     page.add(Answer(r), Where(r), Which(r), HowFar(r), Moved(r), CannotTell(r), Settings(r))
     return page.write(path)

@@ -12,6 +12,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
@@ -19,19 +20,7 @@ from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.answer.localisation import Statistic, Where
 from bayes_iwan.diagnosis.fits.gap_size import GapSize
 from bayes_iwan.report.identification.loops import test_name
-from bayes_iwan.report.style import (
-    BLACK,
-    BLUE,
-    PRIOR,
-    decimal_ticks,
-    narrow,
-    panels,
-    points,
-    series,
-    styled,
-    subplots,
-    ticked,
-)
+from bayes_iwan.report.style import BLUE, PRIOR, decimal_ticks, narrow, panels, points, series, styled, subplots, ticked
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
 _DIVERGING = "RdBu_r"
@@ -85,21 +74,15 @@ def gap_loops_figure(p: GapPictures) -> Figure:
         ax.plot(u, f, color="#BBBBBB", linewidth=0.8, zorder=1)
         pieces = np.stack([np.stack([u[:-1], f[:-1]], axis=1), np.stack([u[1:], f[1:]], axis=1)], axis=1)
         between = 0.5 * (r[:-1] + r[1:])
-        lines = LineCollection(
-            list(pieces),
-            colors=colours(norm(between)),
-            zorder=2,
-            linewidths=0.8 + 4.0 * np.minimum(np.abs(between) / limit, 1.0),
-        )
-        ax.add_collection(lines)
+        wide = 0.8 + 4.0 * np.minimum(np.abs(between) / limit, 1.0)
+        ax.add_collection(LineCollection(list(pieces), colors=colours(norm(between)), zorder=2, linewidths=wide))
         digits = 1 if shares[t] < 0.1 else 0
-        ax.set_title(f"{names[t]}: {100 * shares[t]:.{digits}f} %", loc="left", fontsize=7.5 if narrow() else None)
+        ax.set_title(f"{names[t]}: {100 * shares[t]:.{digits}f} %", loc="left", size="small" if narrow() else None)
         ax.locator_params(nbins=3 if narrow() else 4)
-    figure.supxlabel("displacement (mm)", fontsize=9)
-    figure.supylabel("measured force (N)", fontsize=9)
-    bar = figure.colorbar(
-        ScalarMappable(norm, colours), ax=axes, shrink=0.8, pad=0.02, location="bottom" if narrow() else "right"
-    )
+    figure.supxlabel("displacement (mm)")
+    figure.supylabel("measured force (N)")
+    side, few = ("top", MaxNLocator(4)) if narrow() else ("right", MaxNLocator(9))
+    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axes, shrink=0.8, pad=0.02, ticks=few, location=side)
     bar.set_label("measured − model (N)")
     return figure
 
@@ -119,17 +102,11 @@ def gap_map_figure(p: GapPictures) -> Figure:
     top, ax = axes[:, 0]
     phase = (np.arange(n) + 0.5) / n
     u = displacement_mm / np.abs(displacement_mm).max(axis=1, keepdims=True)
-    top.plot(phase, u.mean(axis=0), color=BLACK)
+    top.plot(phase, u.mean(axis=0), color="black")
     top.set_ylabel("u / A")
     top.set_yticks([-1, 0, 1])
-    mesh = ax.pcolormesh(
-        np.arange(n + 1) / n,
-        np.arange(tests + 1),
-        ratio,
-        cmap=_DIVERGING,
-        norm=TwoSlopeNorm(0.0, -limit, limit),
-        rasterized=True,
-    )
+    across, norm = np.arange(n + 1) / n, TwoSlopeNorm(0.0, -limit, limit)
+    mesh = ax.pcolormesh(across, np.arange(tests + 1), ratio, cmap=_DIVERGING, norm=norm, rasterized=True)
     if sticking is not None:
         for t in range(tests):
             slipping = np.flatnonzero((sticking[t] < 0.5) & (np.roll(sticking[t], 1) >= 0.5))
@@ -140,8 +117,7 @@ def gap_map_figure(p: GapPictures) -> Figure:
     places = ("", "", "", "") if narrow() else ("\nmiddle, up", "\nupper end", "\nmiddle, down", "\nlower end")
     ax.set_xticks([0, 0.25, 0.5, 0.75, 1], [*(f"{x}{place}" for x, place in zip("0¼½¾", places)), "1"])
     ax.set_xlabel("phase of the cycle" + ("" if sticking is None else "   ( | : from here on most elements slip)"))
-    bar = figure.colorbar(mesh, ax=list(axes[:, 0]), pad=0.02)
-    bar.set_label("residual over\nwhat a right model leaves")
+    figure.colorbar(mesh, ax=list(axes[:, 0]), pad=0.02, label="residual over\nwhat a right model leaves")
     return figure
 
 
@@ -158,22 +134,14 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
     offsets = np.linspace(-0.34, 0.34, len(names))
     reach = 2.0 * expected_N[:, 1:].max(axis=0)
     shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
-    for ax, values, title in (
-        (axes[0, 0], in_phase_N, "with the displacement (stiffness)"),
-        (axes[0, 1], quadrature_N, "with the velocity (damping)"),
-    ):
+    titles = ("with the displacement (stiffness)", "with the velocity (damping)")
+    for ax, values, title in zip(axes[0], (in_phase_N, quadrature_N), titles):
         ax.bar(orders, 2.0 * reach, 0.86, bottom=-reach, color="#D9D9D9", label="a right model leaves (2 sd)", zorder=0)
         for t, name in enumerate(names):
             ax.vlines(orders + offsets[t], 0.0, values[t, 1:], color=shades[t], linewidth=1.0)
-            ax.plot(
-                orders + offsets[t],
-                values[t, 1:],
-                linestyle="none",
-                color=shades[t],
-                **{"marker": _TEST_MARKERS[t % 10], "markersize": 3.2},
-                label=name,
-            )
-        ax.axhline(0.0, color=BLACK, linewidth=0.6)
+            mark = {"marker": _TEST_MARKERS[t % 10], "markersize": 3.2}
+            ax.plot(orders + offsets[t], values[t, 1:], ls="none", color=shades[t], label=name, **mark)
+        ax.axhline(0.0, color="black", linewidth=0.6)
         ax.set_title(title, loc="left")
         ax.set_xticks(orders)
         ax.set_xlabel("harmonic")
@@ -181,15 +149,8 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
     ticked(list(axes[0]))
     axes[0, 0].set_ylabel("measured − model (N)")
     if len(names) <= 24:
-        handles, labels = axes[0, 1].get_legend_handles_labels()
-        small = narrow()
-        figure.legend(
-            handles,
-            labels,
-            loc="outside upper center" if small else "outside right upper",
-            ncols=2 if small else 1,
-            fontsize=7,
-        )
+        key, columns = axes[0, 1].get_legend_handles_labels(), 2 if narrow() else 1
+        figure.legend(*key, loc="outside upper center" if narrow() else "outside right upper", ncols=columns)
     return figure
 
 
@@ -197,38 +158,27 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
 def gap_growth_figure(p: GapPictures) -> Figure:
     """The gap of each test against frequency and against amplitude, with 90 % intervals (T,); open: no finding."""
     low_N, high_N = np.array([(g.low_N, g.high_N) for g in p.size.tests]).T
-    gap_N, found = p.gap_N, p.significant
-    frequency_hz, amplitude_mm = p.where.frequency_hz, p.where.amplitude_mm
+    gap_N, found, f, a = p.gap_N, p.significant, p.where.frequency_hz, p.where.amplitude_mm
     figure, axes = subplots(1, 2, 7.0, 3.2, sharey=True)
     floor = max(float(np.min(np.where(gap_N > 0, gap_N, np.inf))), 1e-9) if np.any(gap_N > 0) else 1e-6
-    pairs = (
-        (axes[0, 0], frequency_hz, amplitude_mm, "frequency (Hz)", "mm"),
-        (axes[0, 1], amplitude_mm, frequency_hz, "amplitude (mm)", "Hz"),
-    )
+    pairs = ((axes[0, 0], f, a, "frequency (Hz)", "mm"), (axes[0, 1], a, f, "amplitude (mm)", "Hz"))
     for ax, x, other, label, unit in pairs:
         for i, members in enumerate(groups_of(list(other))):
             value, at = float(np.median(other[members])), np.array(members)[np.argsort(x[members])]
             y = np.maximum(gap_N[at], 0.5 * floor)
             style = points(i)
             ax.plot(x[at], y, color=style["color"], linewidth=0.8, linestyle=series(i)["linestyle"])
-            ax.errorbar(
-                x[at],
-                y,
-                np.maximum([y - np.maximum(low_N[at], 0.3 * floor), high_N[at] - y], 0.0),
-                linestyle="none",
-                color=style["color"],
-                elinewidth=0.8,
-            )
+            reach = np.maximum([y - np.maximum(low_N[at], 0.3 * floor), high_N[at] - y], 0.0)
+            ax.errorbar(x[at], y, reach, linestyle="none", color=style["color"], elinewidth=0.8)
             for k, t in enumerate(at):
                 ax.plot(x[t], y[k], linestyle="none", markerfacecolor=style["color"] if found[t] else "white", **style)
             ax.plot([], [], label=f"{_nominal(value):g} {unit}", linestyle=series(i)["linestyle"], **style)
-        ax.set_xscale("log")
-        ax.set_yscale("log")
+        ax.set(xscale="log", yscale="log")
         ticks = _apart(sorted({float(f"{v:.2g}") for v in x}))
         ax.set_xticks(ticks, [f"{v:g}" for v in ticks])
         ax.minorticks_off()
         ax.set_xlabel(label)
-        ax.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)  # above: points are anywhere
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)  # above: points are anywhere
     decimal_ticks(axes[0, 0].yaxis, *axes[0, 0].get_ylim())
     ticked(list(axes[0]))
     axes[0, 0].set_ylabel("gap (N RMS)")
@@ -263,9 +213,8 @@ def gap_cycles_figure(p: GapPictures) -> Figure:
         ax.plot(cycle[t], along_N[t], label=name, marker=_TEST_MARKERS[t % 10], markersize=3.5, color=shades[t])
         ax.fill_between(cycle[t], size.along_low_N[t], size.along_high_N[t], color=shades[t], alpha=0.15, linewidth=0)
     ax.set_ylim(bottom=0.0)
-    ax.set_xlabel("cycle number (mean of each block of cycles)")
-    ax.set_ylabel("gap (N RMS)")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
+    ax.set(xlabel="cycle number (mean of each block of cycles)", ylabel="gap (N RMS)")
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 
@@ -281,8 +230,8 @@ def gap_regions_figure(regions: Sequence[Statistic]) -> Figure:
         color, share = BLUE if x.significant else PRIOR, f"{100 * x.share:.0f} %"
         ax.plot([x.low_N, x.high_N], [k, k], color=color, linewidth=2.2)
         ax.plot(x.gap_N, k, "o", color=color, markerfacecolor=BLUE if x.significant else "white")
-        ax.annotate(share, (1.01, k), xycoords=("axes fraction", "data"), va="center", fontsize=7.5)
-    ax.axvline(whole, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
+        ax.annotate(share, (1.01, k), xycoords=("axes fraction", "data"), va="center", size="small")
+    ax.axvline(whole, color="black", linewidth=0.8, linestyle=(0, (4, 2)))
     ax.set_yticks(y, [x.name for x in regions])
     ax.set_xlim(left=0.0)
     ax.set_xlabel("gap there (N RMS), its share of the whole in %; dashed: the whole loop")

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.comparison.frequencies import Frequencies
+from bayes_iwan.comparison.frequencies import Agreement, Frequencies
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.report.identification.loops import some_tests, test_name
@@ -17,6 +17,18 @@ from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, narrow, pane
 
 def _draws(posterior: Posterior, name: str) -> Array:
     return np.asarray(posterior.quantities()[name].values, dtype=float)
+
+
+def _interval(posterior: Posterior, name: str) -> str:
+    return "{} [{}, {}]".format(*interval(_draws(posterior, name)))
+
+
+def _label(frequencies: Frequencies, check: Agreement) -> str:
+    return symbol_of(frequencies.joint, check.name) + (f" ({check.unit})" if check.unit not in ("", "-") else "")
+
+
+def _p_text(check: Agreement) -> str:
+    return f"{check.p_value:.2f}" if check.p_value >= 0.01 else "< 0.01"
 
 
 def _alone(frequencies: Frequencies) -> list[tuple[Loop, Posterior]]:
@@ -33,8 +45,7 @@ def _alone(frequencies: Frequencies) -> list[tuple[Loop, Posterior]]:
 def wander_figure(frequencies: Frequencies) -> Figure:
     """Each determined quantity from each frequency alone (points with 50 and 90 % intervals) over the joint posterior
     (band); the posterior check's p-value in the title, in red and marked where the frequencies do not agree."""
-    checks = frequencies.checks
-    hz = frequencies.hz
+    checks, hz = frequencies.checks, frequencies.hz
     many = len(hz) > 4
     columns = 2 if narrow() else 3 if many else 4
     figure, axes = panels(len(checks), columns, (2.7, 1.95) if many else (2.0, 1.75), (0.3, 0.3), (0.0, 0.0))
@@ -45,38 +56,24 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         ax.axhspan(joint[1], joint[3], color=MODEL, alpha=0.3, linewidth=0)
         for x, name in zip(places, frequencies.groups):
             if name not in frequencies.alone:
-                ax.errorbar(
-                    x,
-                    check.estimate[x],
-                    yerr=1.645 * check.error[x],
-                    color="#555555",
-                    marker="s",
-                    markerfacecolor="white",
-                    markersize=4.5,
-                    elinewidth=1.0,
-                )
+                half, grey = 1.645 * check.error[x], "#555555"
+                ax.errorbar(x, check.estimate[x], half, fmt="s", color=grey, mfc="white", ms=4.5, elinewidth=1.0)
                 continue
             posterior = frequencies.alone[name]
             low, first, middle, third, high = np.quantile(_draws(posterior, check.name), [0.05, 0.25, 0.5, 0.75, 0.95])
             ax.plot([x, x], [low, high], color=BLACK, linewidth=1.0)
             ax.plot([x, x], [first, third], color=BLACK, linewidth=3.2, solid_capstyle="butt")
             ax.plot(x, middle, "o", color="white", markeredgecolor=BLACK, markersize=4.5)
-        bad = check.p_value < 0.05
-        p = f"{check.p_value:.2f}" if check.p_value >= 0.01 else "< 0.01"
-        unit = f" ({check.unit})" if check.unit not in ("", "-") else ""
+        bad, p = check.p_value < 0.05, _p_text(check)
         above = "\n" if narrow() else ""  # two titles do not go beside each other there
-        ax.set_title(f"{symbol_of(frequencies.joint, check.name)}{unit}{above}", loc="left")
-        ax.set_title(
-            ("✗ " if bad else "") + f"p {'=' if p[0] != '<' else ''} {p}".replace("  ", " "),
-            loc="right",
-            fontsize=7.5,
-            color=RED if bad else GREEN,
-        )
+        ax.set_title(_label(frequencies, check) + above, loc="left")
+        said = ("✗ " if bad else "") + (f"p {p}" if p[0] == "<" else f"p = {p}")
+        ax.set_title(said, loc="right", size="small", color=RED if bad else GREEN)
         ax.set_xticks(places, [f"{f:.3g}" for f in hz], rotation=45 if many else 0)
         ax.set_xlim(-0.5, len(hz) - 0.5)
         ax.grid(axis="x", visible=False)
         ax.locator_params(axis="y", nbins=4)
-    figure.supxlabel("frequency (Hz); band: all tests together, 50 and 90 %; points: each frequency alone", fontsize=9)
+    figure.supxlabel("frequency (Hz); band: all tests together, 50 and 90 %; points: each frequency alone")
     return figure
 
 
@@ -85,18 +82,14 @@ def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
     columns = ["quantity", "all tests (posterior alone)", *(f"{f:.3g} Hz alone" for f in frequencies.hz), "agreement p"]
     rows = []
     for check in frequencies.checks:
-        unit = f" ({check.unit})" if check.unit not in ("", "-") else ""
-        cells = [
-            symbol_of(frequencies.joint, check.name) + unit,
-            "{} [{}, {}]".format(*interval(_draws(frequencies.joint, check.name))),
-        ]
+        cells = [_label(frequencies, check), _interval(frequencies.joint, check.name)]
         for i, name in enumerate(frequencies.groups):
             if name in frequencies.alone:
-                cells.append("{} [{}, {}]".format(*interval(_draws(frequencies.alone[name], check.name))))
+                cells.append(_interval(frequencies.alone[name], check.name))
             else:
                 middle, half = float(check.estimate[i]), 1.645 * float(check.error[i])
                 cells.append(f"~ {number(middle, half)} [{number(middle - half, half)}, {number(middle + half, half)}]")
-        rows.append([*cells, f"{check.p_value:.2f}" if check.p_value >= 0.01 else "< 0.01"])
+        rows.append([*cells, _p_text(check)])
     return columns, rows
 
 
@@ -124,8 +117,8 @@ def alone_loops_figure(frequencies: Frequencies) -> Figure:
         ax.set_xticks([0, 0.5, 1.0], ["0", "0.5", "1"])
         ax.locator_params(axis="y", nbins=4)
     ticked(axes)
-    figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)", fontsize=9)
-    figure.supylabel("force − joint median (N)", fontsize=9)
+    figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)")
+    figure.supylabel("force − joint median (N)")
     return figure
 
 
@@ -139,16 +132,10 @@ def loop_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
     ):
         for loop, posterior in _alone(frequencies):
             value = getattr(loop_quantities(loop.displacement_mm, loop.force_N), of_loop)
-            draws = [_draws(p, f"{name}[{loop.file}]") for p in (frequencies.joint, posterior)]
-            width = float(np.ptp(np.quantile(draws[0], [0.05, 0.95])))
-            rows.append(
-                [
-                    test_name(loop),
-                    title,
-                    number(float(value), width),
-                    *("{} [{}, {}]".format(*interval(d)) for d in draws),
-                ]
-            )
+            at = f"{name}[{loop.file}]"
+            width = float(np.ptp(np.quantile(_draws(frequencies.joint, at), [0.05, 0.95])))
+            both = (_interval(p, at) for p in (frequencies.joint, posterior))
+            rows.append([test_name(loop), title, number(float(value), width), *both])
     return ["test", "quantity", "measured", "all tests", "its frequency alone"], rows
 
 
@@ -158,18 +145,7 @@ def frequencies_table(frequencies: Frequencies) -> Table:
     p = {c.name: c.p_value for c in frequencies.checks}
     for label, posterior in (("all", frequencies.joint), *frequencies.alone.items()):
         for name, quantity in posterior.quantities().items():
-            rows.append(
-                (
-                    label,
-                    name,
-                    quantity.unit,
-                    *spread(np.asarray(quantity.values, dtype=float)),
-                    float(p.get(name, float("nan"))),
-                )
-            )
-    return Table(
-        "per_frequency",
-        "Each frequency alone and all together",
-        ("frequency", "name", "unit", "mean", "sd", "q05", "q25", "median", "q75", "q95", "agreement_p"),
-        tuple(rows),
-    )
+            found = spread(np.asarray(quantity.values, dtype=float))
+            rows.append((label, name, quantity.unit, *found, float(p.get(name, float("nan")))))
+    columns = ("frequency", "name", "unit", "mean", "sd", "q05", "q25", "median", "q75", "q95", "agreement_p")
+    return Table("per_frequency", "Each frequency alone and all together", columns, tuple(rows))

@@ -182,11 +182,7 @@ class Methods(IdentifiedSection):
 
 @house_style()
 def identification_report(
-    posterior: Posterior,
-    out_dir: str | os.PathLike[str],
-    *,
-    by_frequency: Frequencies | None = None,
-    pdf: bool = False,
+    posterior: Posterior, out_dir: str | os.PathLike[str], *, by_frequency: Frequencies | None = None, pdf: bool = False
 ) -> Path:
     """Write report.html, and CSV tables and parameters.tex below tables/, into out_dir; returns the page's path.
 
@@ -206,16 +202,12 @@ def identification_report(
     several = [frequencies_table(alone)] if r.clock and len(alone.groups) > 1 else []
     tables.write_tables(posterior, [tables.loops_table(tests), tables.convergence_table(r.convergence), *several], out)
     what = "Quick identification" if posterior.quick else "Identification"
-    page = Page(
-        f"{what} of {posterior.name}",
-        _subtitle(posterior),
-        "The numbers of this page are in summary.csv and tables/, its draws in posterior.nc. Made with "
-        + ", ".join(f"{k} {v}" for k, v in posterior.versions.items())
-        + ".",
-        posterior.problem.units,
-        provenance(posterior.campaign, posterior.seed),
-        shared(busy=55),
+    made_with = ", ".join(f"{k} {v}" for k, v in posterior.versions.items())
+    footer = (
+        f"The numbers of this page are in summary.csv and tables/, its draws in posterior.nc. Made with {made_with}."
     )
+    made, units = provenance(posterior.campaign, posterior.seed), posterior.problem.units
+    page = Page(f"{what} of {posterior.name}", _subtitle(posterior), footer, units, made, shared(busy=55))
     page.add(Answer(r), Determined(r), Loops(r))
     if r.iwan:
         page.add(Laws(r))
@@ -259,9 +251,6 @@ def _subtitle(posterior: Posterior) -> str:
     said = model.name
     if isinstance(model, Model):
         said = f"{model.slip} slip forces, {model.normal_force} normal force, {model.stiffness} stiffness"
-    parts = [
-        "" if posterior.campaign is None else posterior.campaign.description,
-        f"model: {said}",
-        f"likelihood: {posterior.problem.likelihood.name}",
-    ]
+    described = "" if posterior.campaign is None else posterior.campaign.description
+    parts = (described, f"model: {said}", f"likelihood: {posterior.problem.likelihood.name}")
     return " · ".join(x for x in parts if x)

@@ -68,8 +68,7 @@ def slip_density_figure(posterior: Posterior, prior: bool = True) -> Figure:
     right.set_title("b. cumulative", loc="left")
     right.set_ylabel("share of elements below")
     for ax in (left, right):
-        ax.set_xlabel("slip force at rest φ (N)")
-        ax.set_xlim(0.0, float(phi[-1]))
+        ax.set(xlabel="slip force at rest φ (N)", xlim=(0.0, float(phi[-1])))
     right.legend(loc="lower right")
     return figure
 
@@ -100,9 +99,7 @@ def stiffness_figure(posterior: Posterior, prior: bool = True) -> Figure:
     ax.set_ylim(0.0, 1.15 * float(np.quantile(drawn, 0.99)))
     if prior:
         _prior_lines(ax, alpha, k(_prior_values(posterior)))
-    ax.set_xlim(0.0, float(alpha[-1]))
-    ax.set_xlabel("relative normal force α (-)")
-    ax.set_ylabel("element stiffness k(α) (N/mm)")
+    ax.set(xlim=(0.0, float(alpha[-1])), xlabel="relative normal force α (-)", ylabel="element stiffness k(α) (N/mm)")
     ax.legend(loc="lower right")
     return figure
 
@@ -127,16 +124,9 @@ def normal_force_figure(posterior: Posterior) -> Figure:
     down = np.arange(samples // 4, 3 * samples // 4 + 1)
     for ax, branch, title in zip(axes[0], (up, down), ("a. stretching (u rising)", "b. shortening (u falling)")):
         for i, f in enumerate(frequencies):
-            style = series(i)
-            band(
-                ax,
-                u[branch],
-                alpha[:, i, branch],
-                style["color"],
-                levels=(0.9,),
-                line=style["linestyle"],
-                label=f"{f:.3g} Hz" if clock else None,
-            )
+            style, label = series(i), f"{f:.3g} Hz" if clock else None
+            colour, line = style["color"], style["linestyle"]
+            band(ax, u[branch], alpha[:, i, branch], colour, levels=(0.9,), line=line, label=label)
         ax.axhline(1.0, color="#777777", linewidth=0.6)
         ax.set_title(title, loc="left")
         ax.set_xlabel("displacement u (mm)")

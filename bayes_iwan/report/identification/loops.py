@@ -1,8 +1,8 @@
 """Figures of loops: measured cycles, predictive bands, residuals; one panel a test."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -18,6 +18,7 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.identification.predictive import Predictive, measured_cycles, predict
 from bayes_iwan.report.style import BLACK, MODEL, band, into_given_axes, narrow, series, styled, subplots, ticked
 
+_DOTTED = (0, (1.2, 1.6))
 #: tests of which a page shows a panel each: more are neither looked at nor light
 MOST = 12
 
@@ -77,43 +78,35 @@ def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = Tr
     line = np.polyfit(p.displacement_mm[t], p.spring_N[t], 1) if friction else np.zeros(2)
     if cycles:
         for u, force in measured_cycles(loop, 12):
-            ax.plot(
-                u, force - p.zero_N[t] - np.polyval(line, u), color="#9A9A9A", linewidth=0.5, rasterized=True, zorder=1
-            )
+            friction_N = force - p.zero_N[t] - np.polyval(line, u)
+            ax.plot(u, friction_N, color="#9A9A9A", linewidth=0.5, rasterized=True, zorder=1)
     off = np.polyval(line, p.displacement_mm[t])
     for branch in _branches(p.displacement_mm[t]):
         u = p.displacement_mm[t, branch]
         band(ax, u, p.cycle_N[:, t, branch] - off[branch], median=False)
     closed = np.r_[np.arange(len(off)), 0]
-    ax.plot(p.displacement_mm[t, closed], (p.median_N[t] - off)[closed], color=MODEL)
-    ax.plot(
-        p.displacement_mm[t, closed],
-        (p.measured_N[t] - off)[closed],
-        color=BLACK,
-        linestyle=(0, (1.2, 1.6)),
-        linewidth=1.1,
-    )
+    u = p.displacement_mm[t, closed]
+    ax.plot(u, (p.median_N[t] - off)[closed], color=MODEL)
+    ax.plot(u, (p.measured_N[t] - off)[closed], color=BLACK, linestyle=_DOTTED, linewidth=1.1)
 
 
 def _labels(figure: Figure, axes: Sequence[Axes], x: str, y: str) -> None:
     """One label a side for all panels, or each panel's own where it stands in a figure of the caller's."""
     if into_given_axes():
         for ax in axes:
-            ax.set_xlabel(x)
-            ax.set_ylabel(y)
+            ax.set(xlabel=x, ylabel=y)
     else:
-        figure.supxlabel(x, fontsize=9)
-        figure.supylabel(y, fontsize=9)
+        figure.supxlabel(x)
+        figure.supylabel(y)
 
 
-def _key(figure: Figure, axes: Sequence[Axes], entries: Sequence[tuple[str, dict[str, Any]]]) -> None:
-    handles: list[Artist] = [
-        Patch(label=label, **style) if "alpha" in style else Line2D([], [], label=label, **style)
-        for label, style in entries
-    ]
+def _key(figure: Figure, axes: Sequence[Axes], lines: Sequence[Artist], half: str, most_of: str) -> None:
+    """The key of lines and of the bands that hold half and 90 % of something."""
+    bands = [Patch(label=x, color=MODEL, alpha=a, linewidth=0) for x, a in ((half, 0.6), (most_of, 0.22))]
+    handles = [*lines, *bands]
     most = 5 if figure.get_figwidth() > 6.5 else 3 if figure.get_figwidth() > 4.5 else 2
     if into_given_axes():
-        axes[0].legend(handles=handles, loc="best", fontsize=7)
+        axes[0].legend(handles=handles, loc="best")
         return
     figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), most))
 
@@ -137,14 +130,9 @@ def loops_figure(
         ax.set_title(test_name(p.loops[t]))
         ax.locator_params(axis="x", nbins=5 if figure.get_figwidth() > 4.5 else 3)
     _labels(figure, axes, "displacement u (mm)", "friction force (N)" if friction else "force (N)")
-    entries = [("measured cycles", {"color": "#9A9A9A", "linewidth": 0.8})] if cycles else []
-    entries += [
-        ("measured, average", {"color": BLACK, "linestyle": (0, (1.2, 1.6))}),
-        ("model, median", {"color": MODEL}),
-        ("50 % of cycles", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
-        ("90 %", {"color": MODEL, "alpha": 0.22, "linewidth": 0}),
-    ]
-    _key(figure, axes, entries)
+    lines = [Line2D([], [], label="measured cycles", color="#9A9A9A", linewidth=0.8)] if cycles else []
+    lines += [Line2D([], [], label="measured, average", color=BLACK, linestyle=_DOTTED)]
+    _key(figure, axes, [*lines, Line2D([], [], label="model, median", color=MODEL)], "50 % of cycles", "90 %")
     return figure
 
 
@@ -165,29 +153,15 @@ def residuals_figure(
         ax.set_xlim(0, 1)
         ax.set_xticks([0, 0.25, 0.5, 0.75, 1.0], ["0", "0.25", "0.5", "0.75", "1"])
         ax.locator_params(axis="y", nbins=5)
-    _labels(
-        figure,
-        axes,
-        "phase (cycles from the upward crossing of mid-stroke)",
-        "residual: measured − predicted force (N)",
-    )
-    _key(
-        figure,
-        axes,
-        [
-            ("residual", {"color": BLACK}),
-            ("50 % expected", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
-            ("90 % expected", {"color": MODEL, "alpha": 0.22, "linewidth": 0}),
-        ],
-    )
+    along, off = "phase (cycles from the upward crossing of mid-stroke)", "residual: measured − predicted force (N)"
+    _labels(figure, axes, along, off)
+    _key(figure, axes, [Line2D([], [], label="residual", color=BLACK)], "50 % expected", "90 % expected")
     return figure
 
 
 def _largest(loops: Sequence[Loop]) -> list[int]:
     """Tests of the amplitude that most frequencies share (the largest such), by frequency: the paper's choice."""
-    count: dict[float, int] = {}
-    for x in loops:
-        count[x.record.amplitude_mm] = count.get(x.record.amplitude_mm, 0) + 1
+    count = Counter(x.record.amplitude_mm for x in loops)
     best = max(count, key=lambda a: (count[a], a))
     chosen = [t for t, x in enumerate(loops) if x.record.amplitude_mm == best]
     return sorted(chosen, key=lambda t: loops[t].record.frequency_hz)
@@ -203,9 +177,8 @@ def paper_fig3(posterior: Posterior, test: int | None = None, predictive: Predic
     for ax, friction, letter in zip(axes[0], (False, True), "ab"):
         draw_loop(ax, p, t, friction)
         ax.set_title(f"{letter}. " + ("force without its linear portion" if friction else "total force"), loc="left")
-        ax.set_xlabel("displacement u (mm)")
-        ax.set_ylabel("friction force (N)" if friction else "force (N)")
-    figure.suptitle(test_name(p.loops[t]), fontsize=9.5)
+        ax.set(xlabel="displacement u (mm)", ylabel="friction force (N)" if friction else "force (N)")
+    figure.suptitle(test_name(p.loops[t]))
     return figure
 
 
@@ -220,28 +193,16 @@ def frequencies_figure(posterior: Posterior, predictive: Predictive | None = Non
         style = series(i)
         u, off = p.displacement_mm[t], p.spring_N[t]
         closed = np.r_[np.arange(len(u)), 0]
-        name = f"{p.loops[t].record.frequency_hz:.4g} Hz"
-        ax.plot(
-            u[closed],
-            (p.measured_N[t] - off)[closed],
-            color=style["color"],
-            linewidth=1.3,
-            label=f"{name}, test",
-            linestyle="-" if model else style["linestyle"],
-        )
+        name, line = f"{p.loops[t].record.frequency_hz:.4g} Hz", "-" if model else style["linestyle"]
+        measured = (p.measured_N[t] - off)[closed]
+        ax.plot(u[closed], measured, color=style["color"], lw=1.3, label=f"{name}, test", ls=line)
         if model:
             for branch in _branches(u):
                 band(ax, u[branch], p.force_N[:, t, branch] - off[branch], style["color"], levels=(0.9,), median=False)
-            ax.plot(
-                u[closed],
-                (p.median_N[t] - off)[closed],
-                color=style["color"],
-                linestyle=(0, (4, 2)),
-                label=f"{name}, model",
-            )
-    ax.set_xlabel("displacement u (mm)")
-    ax.set_ylabel("friction force (N)")
+            median = (p.median_N[t] - off)[closed]
+            ax.plot(u[closed], median, color=style["color"], linestyle=(0, (4, 2)), label=f"{name}, model")
     ax.set_title(f"amplitude {p.loops[chosen[0]].record.amplitude_mm:g} mm", loc="left")
+    ax.set(xlabel="displacement u (mm)", ylabel="friction force (N)")
     beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
     ax.legend(**({"loc": "best"} if into_given_axes() else beside))
     return figure

@@ -13,19 +13,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.frequencies import determined_names
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.report.style import (
-    MODEL,
-    PRIOR,
-    RED,
-    Shown,
-    StyleError,
-    asked_width,
-    into_given_axes,
-    narrow,
-    on_phone,
-    styled,
-    subplots,
-)
+from bayes_iwan.report.style import MODEL, PRIOR, RED, blank, narrow, on_phone, refuse_given_axes, styled, subplots
 
 #: quantities of a corner plot on a phone, where more would be too small to read
 ON_PHONE = 4
@@ -97,13 +85,13 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
         ax.plot([first, third], [i, i], color=color, linewidth=4.5, solid_capstyle="butt")
         ax.plot(middle, i, "o", color=color, markersize=5, markerfacecolor="white" if open_ else color)
         text = "{} [{}, {}] {}".format(*reported(posterior, p.name), p.unit if p.unit != "-" else "")
-        side.text(0.0, i, text, va="center", fontsize=7.5)
+        side.text(0.0, i, text, va="center", size="small")
         if not small:
-            side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", fontsize=7.5, color=color)
+            side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", size="small", color=color)
     head = "value [90 % interval]" if small else "value [90 % interval], as reported"
-    side.text(0.0, -1.0, head, va="center", fontsize=7.5, weight="bold")
+    side.text(0.0, -1.0, head, va="center", size="small", weight="bold")
     if not small:
-        side.text(1.0, -1.0, "contraction", va="center", ha="right", fontsize=7.5, weight="bold")
+        side.text(1.0, -1.0, "contraction", va="center", ha="right", size="small", weight="bold")
     side.set_xlim(0, 1)
     side.axis("off")
     ax.set_yticks(range(n), [p.symbol for p in prior.free])
@@ -126,8 +114,7 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
 
     Raises InputError where nothing varies, StyleError for axes of yours: it makes its own.
     """
-    if into_given_axes():
-        raise StyleError("ax: a corner plot makes its own axes; give width=... or style=... instead")
+    refuse_given_axes("a corner plot")
     names = [n for n, x in draws.items() if np.all(np.isfinite(x)) and np.ptp(x) > 0]
     if not names:
         raise InputError("corner plot: no number varies among the draws")
@@ -136,23 +123,16 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
     table = np.stack([draws[k] for k in names])
     shown = [labels.get(k, k) if labels else k for k in names]
     ranges = [_range(x) for x in table]
-    size, letters = asked_width(min(0.95 * n + 1.0, 14.0)), 7.5 if on_phone() else 6.5
+    letters = "small" if on_phone() else "x-small"
     with (
         mpl.rc_context({"axes.grid": False, "xtick.labelsize": letters, "ytick.labelsize": letters}),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # corner's own notes on sparse contours
-        figure = Shown(figsize=(size, size))
-        grid = figure.add_gridspec(
-            n,
-            n,
-            left=0.9 / size,
-            right=1 - 0.15 / size,
-            bottom=0.8 / size,
-            top=1 - 0.25 / size,
-            wspace=0.06,
-            hspace=0.06,
-        )
+        figure = blank(min(0.95 * n + 1.0, 14.0))
+        size = figure.get_figwidth()
+        sides = {"left": 0.9 / size, "right": 1 - 0.15 / size, "bottom": 0.8 / size, "top": 1 - 0.25 / size}
+        grid = figure.add_gridspec(n, n, **sides, wspace=0.06, hspace=0.06)
         for i in range(n):  # the lower triangle alone: empty axes cost as much as full ones
             for j in range(i + 1):
                 ax = figure.add_subplot(grid[i, j])
@@ -161,20 +141,11 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
                     ax.set_yticks([])
                     ax.spines["left"].set_visible(False)
                     if not on_phone():
-                        ax.set_title(shown[i], fontsize=8, pad=3)
+                        ax.set_title(shown[i], size="small", pad=3)
                 else:
-                    corner.hist2d(
-                        table[j],
-                        table[i],
-                        ax=ax,
-                        bins=24,
-                        range=[ranges[j], ranges[i]],
-                        smooth=1.0,
-                        levels=(0.5, 0.9),
-                        plot_datapoints=False,
-                        fill_contours=True,
-                        color=MODEL,
-                    )
+                    inside = {"range": [ranges[j], ranges[i]], "bins": 24, "smooth": 1.0, "levels": (0.5, 0.9)}
+                    shown_as = {"plot_datapoints": False, "fill_contours": True, "color": MODEL}
+                    corner.hist2d(table[j], table[i], ax=ax, **inside, **shown_as)
                     ax.set_ylim(ranges[i])
                 ax.set_xlim(ranges[j])
                 ax.xaxis.set_major_locator(MaxNLocator(3, prune="both"))

@@ -23,8 +23,7 @@ class Predictive:
     median_N : (tests, samples) the posterior's median, which residuals are taken from.
     force_N : what the model says, (draws, tests, samples); every draw's mean over a loop moved to their median's.
     loop_N : the same with the likelihood's noise and discrepancy, as an averaged loop would be measured again; on tests
-    that
-        were not fitted the discrepancy is carried over from those that were.
+        that were not fitted the discrepancy is carried over from those that were.
     cycle_N : with the cycle-to-cycle scatter on top, as one more cycle would be measured.
     spring_N : (tests, samples) median parallel spring and force zero. Force less this is the friction force; taking
         the same line off measured and predicted leaves the residual what it is.
@@ -76,17 +75,8 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
         spring = float(np.median(slope)) * u + float(np.median(parameter_values[FORCE_ZERO]))
     measured = np.stack([x.force_N for x in chosen])
     zero = np.mean(measured - median, axis=1)
-    return Predictive(
-        chosen,
-        u,
-        measured - zero[:, None],
-        median,
-        force,
-        loop,
-        loop + rng.standard_normal(loop.shape) * scatter,
-        spring,
-        zero,
-    )
+    cycle = loop + rng.standard_normal(loop.shape) * scatter
+    return Predictive(chosen, u, measured - zero[:, None], median, force, loop, cycle, spring, zero)
 
 
 def measured_cycles(loop: Loop, most: int = 40) -> list[tuple[Array, Array]]:
@@ -96,8 +86,5 @@ def measured_cycles(loop: Loop, most: int = 40) -> list[tuple[Array, Array]]:
     cycles = [np.flatnonzero(whole == c) for c in np.unique(whole)]
     cycles = [c for c in cycles if len(c) > 0.8 * len(index) / max(loop.n_cycles, 1)]
     chosen = np.unique(np.linspace(0, len(cycles) - 1, min(most, len(cycles))).astype(int))
-    out = []
-    for c in chosen:
-        at = index[cycles[c]]
-        out.append((loop.record.displacement_mm[at] - loop.offset_mm, loop.record.force_N[at]))
-    return out
+    every = (index[cycles[c]] for c in chosen)
+    return [(loop.record.displacement_mm[at] - loop.offset_mm, loop.record.force_N[at]) for at in every]

@@ -18,14 +18,8 @@ from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.style import BLUE, ORANGE, RED, numbered_cells, styled, subplots
 
-REGIONS = (
-    "after lower\nreversal",
-    "stretching,\nmid-stroke",
-    "before upper\nreversal",
-    "after upper\nreversal",
-    "shortening,\nmid-stroke",
-    "before lower\nreversal",
-)
+_RISING = ("after lower\nreversal", "stretching,\nmid-stroke", "before upper\nreversal")
+REGIONS = (*_RISING, "after upper\nreversal", "shortening,\nmid-stroke", "before lower\nreversal")
 
 
 def region_of(displacement_mm: Array) -> NDArray[np.int64]:
@@ -143,13 +137,11 @@ def loo_pit_figure(posterior: Posterior, result: LooPit | None = None) -> Figure
     left.axhspan(1 - half, 1 + half, color="#777777", alpha=0.2, linewidth=0)
     left.axhline(1.0, color="#777777", linewidth=0.7)
     left.set_title("a. histogram (grey: 95 % of each bar)", loc="left")
-    left.set_xlabel("LOO-PIT")
-    left.set_ylabel("density")
+    left.set(xlabel="LOO-PIT", ylabel="density")
     bound = 1.358 / np.sqrt(n)  # Kolmogorov's 95 % point
     right.fill_between([0, 1], [-bound, -bound], [bound, bound], color="#777777", alpha=0.2, linewidth=0)
     right.step(np.r_[0, pit, 1], np.r_[0, np.arange(1, n + 1) / n, 1] - np.r_[0, pit, 1], where="post", color=BLUE)
     right.axhline(0.0, color="#777777", linewidth=0.7)
     right.set_title("b. distribution − uniform (grey: 95 %)", loc="left")
-    right.set_xlabel("LOO-PIT")
-    right.set_ylabel("difference")
+    right.set(xlabel="LOO-PIT", ylabel="difference")
     return figure

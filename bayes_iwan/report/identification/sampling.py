@@ -71,15 +71,9 @@ def traces_figure(posterior: Posterior, names: Sequence[str] | None = None, run:
             low, middle, high = np.quantile(x[e], [0.05, 0.5, 0.95], axis=1)
             steps = run.thin * (1 + shown)
             row[0].fill_between(steps, low, high, color=style["color"], alpha=0.13, linewidth=0)
-            row[0].plot(steps, middle, color=style["color"], linestyle=style["linestyle"], linewidth=0.9)
+            row[0].plot(steps, middle, linewidth=0.9, **style)
             height, _ = np.histogram(ranks[e], bins=bins, range=(0, 1))
-            row[1].stairs(
-                height * bins / height.sum(),
-                np.linspace(0, 1, bins + 1),
-                color=style["color"],
-                linestyle=style["linestyle"],
-                linewidth=1.0,
-            )
+            row[1].stairs(height * bins / height.sum(), np.linspace(0, 1, bins + 1), linewidth=1.0, **style)
         row[1].axhline(1.0, color="#777777", linewidth=0.6)
         row[1].set_ylim(0.0, 2.0)
         row[0].set_ylabel(parameter.symbol, rotation=0, ha="right", va="center")
@@ -112,11 +106,9 @@ def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
         else:
             ax.plot(steps, tau[:, i], color="#AAAAAA", linewidth=0.6)
     ax.plot(steps, steps / taus, color="#444444", linestyle=(0, (2, 2)), linewidth=0.9, label=f"steps / {taus:g}")
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
     for axis, low, high in ((ax.xaxis, steps[0], steps[-1]), (ax.yaxis, *ax.get_ylim())):
         decimal_ticks(axis, low, high)
-    ax.set_xlabel("steps of production")
-    ax.set_ylabel("autocorrelation time (steps)")
+    ax.set(xlabel="steps of production", ylabel="autocorrelation time (steps)")
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure

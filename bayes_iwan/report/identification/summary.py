@@ -87,22 +87,15 @@ class Answer(IdentifiedSection):
 
     def rows(self) -> list[tuple[str, str, str]]:
         size, worst = self.r.posterior.residual_size(), max(self.fitted, key=lambda x: x.residual_share)
+        of_friction = [f"{100 * x:.2g} % of the friction force" for x in (size.gap_share, size.share)]
+        of_friction[1] += f" (worst test, {worst.test}: {100 * worst.residual_share:.2g} %)"
         return [
             *(_number_row(self.r.posterior, name) for name in _asked(self.r.posterior)),
             _range_row("equivalent stiffness of the tests", "N/mm", [x.stiffness_N_mm for x in self.fitted]),
             _range_row("energy lost a cycle", "mJ", [x.energy_mJ for x in self.fitted]),
             _range_row("damping: loss factor of the tests", "", [x.loss_factor for x in self.fitted]),
-            (
-                "gap: what the model misses beyond noise, RMS",
-                f"{number(size.gap_N, size.rms_N)} N",
-                f"{100 * size.gap_share:.2g} % of the friction force",
-            ),
-            (
-                "residual: the same with noise, RMS",
-                f"{number(size.rms_N, size.rms_N)} N",
-                f"{100 * size.share:.2g} % of the friction force (worst test, {worst.test}: "
-                f"{100 * worst.residual_share:.2g} %)",
-            ),
+            ("gap: what the model misses beyond noise, RMS", f"{number(size.gap_N, size.rms_N)} N", of_friction[0]),
+            ("residual: the same with noise, RMS", f"{number(size.rms_N, size.rms_N)} N", of_friction[1]),
         ]
 
     def open(self) -> list[str]:

@@ -70,19 +70,14 @@ def compared_loops(posterior: Posterior, p: Predictive) -> tuple[LoopRow, ...]:
         repeat = (float(q) for q in np.quantile(repeated[:, t], [0.05, 0.95]))
         return Compared(float(seen[t]), posterior.median(at), *posterior.interval(at), *repeat)
 
-    return tuple(
-        LoopRow(
-            x.file,
-            test_name(x, role=False),
-            x.role,
-            float(rms[t]),
-            float(share[t]),
-            compared("dissipated_energy_mJ", measured.energy_mJ, again.energy_mJ, t),
-            compared("equivalent_stiffness_N_mm", measured.stiffness_N_mm, again.stiffness_N_mm, t),
-            compared("loss_factor", measured.loss_factor, again.loss_factor, t),
-        )
-        for t, x in enumerate(p.loops)
-    )
+    rows = []
+    for t, x in enumerate(p.loops):
+        energy = compared("dissipated_energy_mJ", measured.energy_mJ, again.energy_mJ, t)
+        stiffness = compared("equivalent_stiffness_N_mm", measured.stiffness_N_mm, again.stiffness_N_mm, t)
+        loss = compared("loss_factor", measured.loss_factor, again.loss_factor, t)
+        name = test_name(x, role=False)
+        rows.append(LoopRow(x.file, name, x.role, float(rms[t]), float(share[t]), energy, stiffness, loss))
+    return tuple(rows)
 
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -105,21 +100,12 @@ def parameters_table(posterior: Posterior) -> Table:
     prior = posterior.problem.prior
     z = posterior.flat_z()
     values, shrunk, eq8 = prior.values(z), contraction(z), prior.values(posterior.point.goal_z[None])
-    rows: Rows = tuple(
-        (
-            p.name,
-            p.symbol,
-            p.unit,
-            p.description,
-            *spread(values[p.name]),
-            float(eq8[p.name][0]),
-            p.prior_text(),
-            float(c),
-        )
-        for p, c in zip(prior.free, shrunk)
-    )
+    rows: list[tuple[Cell, ...]] = []
+    for p, c in zip(prior.free, shrunk):
+        last = (float(eq8[p.name][0]), p.prior_text(), float(c))
+        rows.append((p.name, p.symbol, p.unit, p.description, *spread(values[p.name]), *last))
     columns = ("name", "symbol", "unit", "description", *_STATISTICS, "eq8_minimum", "prior", "contraction")
-    return Table("parameters", "Sampled parameters", columns, rows)
+    return Table("parameters", "Sampled parameters", columns, tuple(rows))
 
 
 def paper_table(posterior: Posterior) -> Table:
@@ -144,15 +130,10 @@ def loops_table(loops: Sequence[LoopRow]) -> Table:
     columns = ["file", "test", "role", "rms_residual_N", "residual_share_of_friction"]
     for name in ("energy_mJ", "stiffness_N_mm", "loss_factor"):
         columns += [f"{name}_{f.name}" for f in fields(Compared)]
-    rows: list[tuple[Cell, ...]] = [
-        (
-            *(x.file, x.test, x.role, x.rms_residual_N, x.residual_share),
-            *astuple(x.energy_mJ),
-            *astuple(x.stiffness_N_mm),
-            *astuple(x.loss_factor),
-        )
-        for x in loops
-    ]
+    rows: list[tuple[Cell, ...]] = []
+    for x in loops:
+        compared: tuple[Cell, ...] = (*astuple(x.energy_mJ), *astuple(x.stiffness_N_mm), *astuple(x.loss_factor))
+        rows.append((x.file, x.test, x.role, x.rms_residual_N, x.residual_share, *compared))
     return Table("loops", "Loops, measured and predicted", tuple(columns), tuple(rows))
 
 
@@ -178,66 +159,46 @@ def held_out_table(held_out: Sequence[HeldOutFrequency]) -> Table:
     return Table("held_out", "What bands hold of each frequency that is held out", columns, rows)
 
 
+_GREEK = {
+    "α": "alpha",
+    "β": "beta",
+    "ε": "varepsilon",
+    "η": "eta",
+    "λ": "lambda",
+    "μ": "mu",
+    "σ": "sigma",
+    "φ": "phi",
+    "χ": "chi",
+    "ℓ": "ell",
+    "∝": "propto",
+    "≥": "geq",
+}
 _TEX_SYMBOL: Mapping[str, str] = {
     "kp": "k_p",
     "F₀": "F_0",
-    "k(1)": "k(1)",
-    "ε": r"\varepsilon",
     "E[φ]": r"\mathrm{E}[\phi]",
-    "β": r"\beta",
+    "φmax": r"\phi_{\max}",
     "k̃ₙβℓ^β": r"\tilde k_n\beta\ell^\beta",
     "λk̃ₙℓ^βv": r"\lambda\tilde k_n\ell^\beta v",
-    "σ": r"\sigma",
-    "ℓ": r"\ell",
-    "μ": r"\mu",
-    "φmax": r"\phi_{\max}",
-    "χ": r"\chi",
 }
 
 
 def _tex_symbol(symbol: str) -> str:
-    if symbol in _TEX_SYMBOL:
-        return f"${_TEX_SYMBOL[symbol]}$"
-    text = re.sub(r"([A-Za-zη])(\d+)", r"\1_{\2}", symbol)
-    for mark, command in (("η", r"\eta"), ("φ", r"\phi"), ("α", r"\alpha")):
-        text = text.replace(mark, command)
-    return f"${text}$"
+    numbered = re.sub(r"([A-Za-zη])(\d+)", r"\1_{\2}", symbol)
+    greek = str.maketrans({letter: f"\\{name}" for letter, name in _GREEK.items()})
+    return f"${_TEX_SYMBOL.get(symbol) or numbered.translate(greek)}$"
 
 
 def _tex_text(text: str) -> str:
-    for mark, command in (
-        ("\\", r"\textbackslash{}"),
-        ("&", r"\&"),
-        ("%", r"\%"),
-        ("#", r"\#"),
-        ("_", r"\_"),
-        ("^", r"\^{}"),
-        ("−", "$-$"),
-        ("α", r"$\alpha$"),
-        ("β", r"$\beta$"),
-        ("φ", r"$\phi$"),
-        ("η", r"$\eta$"),
-        ("∝", r"$\propto$"),
-        ("–", "--"),
-        ("ℓ", r"$\ell$"),
-        ("χ", r"$\chi$"),
-        ("σ", r"$\sigma$"),
-        ("λ", r"$\lambda$"),
-        ("μ", r"$\mu$"),
-        ("≥", r"$\geq$"),
-    ):
-        text = text.replace(mark, command)
-    return text
+    marks: dict[str, str | int | None] = {c: f"\\{c}" for c in "&%#_"}
+    marks |= {"\\": r"\textbackslash{}", "^": r"\^{}", "−": "$-$", "–": "--"}
+    return text.translate(str.maketrans(marks | {letter: f"$\\{name}$" for letter, name in _GREEK.items()}))
 
 
 def latex_table(posterior: Posterior) -> str:
     """A table of the sampled parameters for the booktabs package: symbol, meaning, median, 90 % interval, unit."""
-    lines = [
-        r"\begin{tabular}{llrll}",
-        r"\toprule",
-        r"Parameter & Meaning & Median & 90\,\% interval & Unit \\",
-        r"\midrule",
-    ]
+    head = r"Parameter & Meaning & Median & 90\,\% interval & Unit \\"
+    lines = [r"\begin{tabular}{llrll}", r"\toprule", head, r"\midrule"]
     for p in posterior.problem.prior.free:
         middle, low, high = (x.replace("−", "-") for x in reported(posterior, p.name))
         unit = "--" if p.unit == "-" else _tex_text(p.unit)

@@ -40,12 +40,9 @@ def trends_figure(posterior: Posterior, predictive: Predictive | None = None, n:
     """Energy, stiffness and loss factor: lines with 90 % bands predicted, points measured, whiskers what the
     likelihood allows a measurement to differ by."""
     p = predict(posterior) if predictive is None else predictive
-    f = np.array([x.frequency_hz for x in p.loops])
-    a = np.array([x.amplitude_mm for x in p.loops])
-    measured = loop_quantities(p.displacement_mm, p.measured_N)
-    again = loop_quantities(p.displacement_mm, p.loop_N)
-    stated_f = np.array([x.record.frequency_hz for x in p.loops])
-    stated_a = np.array([x.record.amplitude_mm for x in p.loops])
+    f, a = np.array([(x.frequency_hz, x.amplitude_mm) for x in p.loops]).T
+    measured, again = (loop_quantities(p.displacement_mm, force) for force in (p.measured_N, p.loop_N))
+    stated_f, stated_a = np.array([(x.record.frequency_hz, x.record.amplitude_mm) for x in p.loops]).T
     sides = [("amplitude (mm)", a, f, "Hz", stated_f), ("frequency (Hz)", f, a, "mm", stated_a)]
     clock = p.loops[0].record.clock
     sides = [s for s in sides if len(_distinct(s[1])) > 1 and (clock or s[3] == "Hz")] or sides[:1]
@@ -61,25 +58,14 @@ def trends_figure(posterior: Posterior, predictive: Predictive | None = None, n:
                 ax = axes[row, column]
                 band(ax, grid, getattr(lines, name), series(i)["color"], levels=(0.9,), line=series(i)["linestyle"])
                 low, high = np.quantile(getattr(again, name)[:, near], [0.05, 0.95], axis=0)
-                middle = getattr(measured, name)[near]
-                half = 0.5 * (high - low)
-                ax.errorbar(
-                    x[near],
-                    middle,
-                    yerr=half,
-                    linestyle="none",
-                    markersize=4.5,
-                    elinewidth=0.9,
-                    label=f"{float(np.median(nominal[near])):g} {unit}" if row == 0 and clock else None,
-                    **points(i),
-                )
+                middle, half = getattr(measured, name)[near], 0.5 * (high - low)
+                label_of = f"{float(np.median(nominal[near])):g} {unit}" if row == 0 and clock else None
+                ax.errorbar(x[near], middle, half, ls="none", ms=4.5, elinewidth=0.9, label=label_of, **points(i))
                 ax.set_ylabel(title if column == 0 else "")
         axes[-1, column].set_xlabel(label)
         if clock:
-            columns = 2 if narrow() else 4
-            axes[0, column].legend(
-                loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, columnspacing=1.2, handletextpad=0.2
-            )
+            above = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 2 if narrow() else 4}
+            axes[0, column].legend(columnspacing=1.2, handletextpad=0.2, **above)
     ticked(list(axes.ravel()))
     for ax in axes[:, 0]:
         ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))

@@ -75,8 +75,7 @@ def headline_figure(posterior: Posterior, tests: Sequence[LoopRow], predictive: 
     left, right = axes[0]
     draw_loop(left, p, worst, friction=True)
     left.set_title(f"{test_name(p.loops[worst])}: largest gap", loc="left")
-    left.set_xlabel("displacement u (mm)")
-    left.set_ylabel("friction force (N)")
+    left.set(xlabel="displacement u (mm)", ylabel="friction force (N)")
     share = [100.0 * x.residual_share for x in tests]
     at = np.arange(len(tests))
     colours = [ORANGE if s > 100.0 * LARGE_RESIDUAL else BLUE for s in share]

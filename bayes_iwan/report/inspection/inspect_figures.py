@@ -80,22 +80,17 @@ def trends(tests: Sequence[Inspection], units: Units) -> Figure:
     """Energy lost a cycle, equivalent stiffness and loss factor against amplitude, a line a frequency."""
     figure, axes = subplots(1, 3, 10.6, 3.2)
     frequencies = sorted({t.loop.record.frequency_hz for t in tests})
-    for ax, key, label in zip(
-        axes[0],
-        ("energy_mJ", "stiffness_N_mm", "loss_factor"),
-        ("energy lost a cycle (mJ)", "equivalent stiffness (N/mm)", "loss factor"),
-    ):
+    labels = ("energy lost a cycle (mJ)", "equivalent stiffness (N/mm)", "loss factor")
+    for ax, key, label in zip(axes[0], ("energy_mJ", "stiffness_N_mm", "loss_factor"), labels):
         for k, f in enumerate(frequencies):
             some = sorted((t for t in tests if t.loop.record.frequency_hz == f), key=lambda t: t.loop.amplitude_mm)
             x = [t.loop.amplitude_mm for t in some]
             found: list[CycleMean] = [getattr(t, key) for t in some]
             y = np.array([e.value for e in found])
             half = np.nan_to_num(np.array([e.high - e.value for e in found]))
-            ax.errorbar(
-                x, y, half, linewidth=0.8, capsize=2.5, label=f"{f:g} Hz", **points(k), linestyle=series(k)["linestyle"]
-            )
-        ax.set_xlabel(units.text("amplitude (mm)"))
-        ax.set_ylabel(units.text(label))
+            line = points(k) | {"linestyle": series(k)["linestyle"]}
+            ax.errorbar(x, y, half, linewidth=0.8, capsize=2.5, label=f"{f:g} Hz", **line)
+        ax.set(xlabel=units.text("amplitude (mm)"), ylabel=units.text(label))
         ax.set_ylim(bottom=0)
     if tests[0].loop.record.clock:
         axes[0, 0].legend(ncols=2 if len(frequencies) > 4 else 1)
@@ -107,20 +102,19 @@ def noise(tests: Sequence[Inspection], units: Units) -> Figure:
     """Spectrum of what is left of the force between cycles, with the mains lines that were found."""
     figure, axes = _panels(len(tests), 2.3)
     for ax, test in zip(axes, tests):
-        ax.loglog(
-            *_thinned(test.spectrum_hz, np.sqrt(np.maximum(test.spectrum_N2_Hz, 1e-300))), color="black", linewidth=0.9
-        )
-        for line in test.lines:
-            ax.axvline(line.frequency_hz, color=series(1)["color"], linewidth=1.0, linestyle=(0, (4, 2)))
-            ax.text(
-                line.frequency_hz, 0.98, f" {line.frequency_hz:.4g} Hz", transform=ax.get_xaxis_transform(), va="top"
-            )
+        amplitude = np.sqrt(np.maximum(test.spectrum_N2_Hz, 1e-300))
+        ax.loglog(*_thinned(test.spectrum_hz, amplitude), color="black", linewidth=0.9)
+        for hz in (line.frequency_hz for line in test.lines):
+            ax.axvline(hz, color=series(1)["color"], linewidth=1.0, linestyle=(0, (4, 2)))
+            ax.text(hz, 0.98, f" {hz:.4g} Hz", transform=ax.get_xaxis_transform(), va="top")
         decimal_ticks(ax.xaxis, *ax.get_xlim())
         decimal_ticks(ax.yaxis, *ax.get_ylim())
         ax.set_title(units.text(f"{test_name(test.loop)}: {test.noise_N:.2g} N"))
         clock = test.loop.record.clock
-        ax.set_xlabel("frequency (Hz)" if clock else "periods in one cycle")
-        ax.set_ylabel(units.text("noise (N/√Hz)" if clock else "noise (N, per root of a period in a cycle)"))
+        ax.set(
+            xlabel="frequency (Hz)" if clock else "periods in one cycle",
+            ylabel=units.text("noise (N/√Hz)" if clock else "noise (N, per root of a period in a cycle)"),
+        )
     return figure
 
 
@@ -139,19 +133,12 @@ def drift(tests: Sequence[Inspection], units: Units) -> Figure:
     figure, axes = _panels(len(tests), 2.3)
     for ax, test in zip(axes, tests):
         each = test.cycles
-        for k, (values, label) in enumerate(
-            (
-                (each.amplitude_mm, "displacement"),
-                (each.force_amplitude_N, "force"),
-                (test.energy_by_cycle_mJ, "energy"),
-            )
-        ):
+        changing = (each.amplitude_mm, each.force_amplitude_N, test.energy_by_cycle_mJ)
+        for k, (values, label) in enumerate(zip(changing, ("displacement", "force", "energy"))):
             ax.plot(each.number, 100 * (values / np.median(values) - 1), label=label, **series(k))
         ax.set_title(units.text(test_name(test.loop)))
-        ax.set_xlabel("cycle")
-        ax.set_ylabel("off the median (%)")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+        ax.set(xlabel="cycle", ylabel="off the median (%)")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 
@@ -162,20 +149,13 @@ def drive(tests: Sequence[Inspection], units: Units) -> Figure:
     ax = axes[0, 0]
     orders = np.arange(2, 11)
     for k, test in enumerate(tests):
-        ax.plot(
-            orders,
-            100 * np.where(test.drive_harmonics[1:] > 1e-7, test.drive_harmonics[1:], np.nan),
-            linewidth=0.8,
-            label=units.text(test_name(test.loop, role=False)),
-            linestyle=series(k)["linestyle"],
-            **points(k),
-        )
+        percent = 100 * np.where(test.drive_harmonics[1:] > 1e-7, test.drive_harmonics[1:], np.nan)
+        line, label = points(k) | {"linestyle": series(k)["linestyle"]}, units.text(test_name(test.loop, role=False))
+        ax.plot(orders, percent, linewidth=0.8, label=label, **line)
     ax.set_yscale("log")
     decimal_ticks(ax.yaxis, *ax.get_ylim())
     ax.set_xticks(orders)
-    ax.set_xlim(1.5, 10.5)
-    ax.set_xlabel("harmonic of the drive")
-    ax.set_ylabel("share of the fundamental (%)")
+    ax.set(xlim=(1.5, 10.5), xlabel="harmonic of the drive", ylabel="share of the fundamental (%)")
     if len(tests) <= 12:
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

@@ -30,21 +30,13 @@ def inspect_to(campaign: str | os.PathLike[str], out: str | os.PathLike[str] | N
 def _table(campaign: Campaign, tests: Sequence[Inspection]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Columns and rows, one a test; without a clock no frequency."""
     columns = COLUMNS if campaign.clock else tuple(c for c in COLUMNS if c != "f, Hz")
-    return columns, [
-        (
-            t.loop.file,
-            *((f"{t.loop.frequency_hz:.4g}",) if campaign.clock else ()),
-            f"{t.loop.amplitude_mm:.4g}",
-            f"{t.loop.n_cycles}",
-            t.energy_mJ.text(),
-            t.stiffness_N_mm.text(),
-            t.loss_factor.text(3),
-            f"{t.noise_N:.2g}",
-            f"{100 * t.distortion:.2g}",
-            f"{t.reversal_samples:.1f}",
-        )
-        for t in tests
-    ]
+    rows = []
+    for t in tests:
+        moved = (*((f"{t.loop.frequency_hz:.4g}",) if campaign.clock else ()), f"{t.loop.amplitude_mm:.4g}")
+        found = (t.energy_mJ.text(), t.stiffness_N_mm.text(), t.loss_factor.text(3), f"{t.noise_N:.2g}")
+        sampled = (f"{100 * t.distortion:.2g}", f"{t.reversal_samples:.1f}")
+        rows.append((t.loop.file, *moved, f"{t.loop.n_cycles}", *found, *sampled))
+    return columns, rows
 
 
 COLUMNS = ("test", "f, Hz", "A, mm", "cycles", "E, mJ", "k, N/mm", "η", "noise, N", "distortion, %", "reversal")
@@ -135,13 +127,8 @@ class Drive(InspectionSection):
 @house_style()
 def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Path:
     """Write out/inspect.html and its figures (out/figures/inspect_*.png and .pdf); returns the page's path."""
-    page = Page(
-        f"What the records show: {campaign.name}",
-        campaign.description,
-        "No model was fitted and nothing drawn at random.",
-        campaign.units,
-        provenance(campaign),
-    )
+    title, footer = f"What the records show: {campaign.name}", "No model was fitted and nothing drawn at random."
+    page = Page(title, campaign.description, footer, campaign.units, provenance(campaign))
     r = (campaign, tests)
     page.add(Answer(r), Friction(r))
     if campaign.clock:

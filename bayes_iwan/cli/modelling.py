@@ -1,4 +1,4 @@
-"""Commands that identify: one campaign, its report, other families, a folder of specimens."""
+"""Commands that fit a model or use a fitted one: identify, report, compare, diagnose, batch, export."""
 
 import argparse
 from collections.abc import Sequence
@@ -8,11 +8,13 @@ from bayes_iwan.cli.command import (
     CAMPAIGN,
     CONFIG,
     OUT,
-    OVERWRITE,
-    SEED,
+    RESULTS,
     SIMULATOR,
+    STOP_AT_REFITS,
     argument,
     command,
+    given,
+    own_file,
     quoted,
     say,
     workers,
@@ -20,6 +22,9 @@ from bayes_iwan.cli.command import (
 
 #: processes that a posterior's chains go in, if they must go along its manifold
 CHAINS_IN = 2
+#: processes that work on one diagnosis where nobody says how many: rounds of refits have few pieces
+WORKERS_MOST = 4
+TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")
 
 
 def going_on(args: argparse.Namespace, words: Sequence[str]) -> str:
@@ -34,9 +39,7 @@ def going_on(args: argparse.Namespace, words: Sequence[str]) -> str:
     "identify",
     "the joint posterior of a campaign's tests",
     CAMPAIGN,
-    OUT,
-    OVERWRITE,
-    SEED,
+    *RESULTS,
     CONFIG,
     argument("--per-test", action="store_true", help="also identify each frequency alone, into DIR/per_test"),
     argument("--resume", action="store_true", help="go on from DIR/chains.ckpt where a run was stopped"),
@@ -69,19 +72,9 @@ def run_identify(args: argparse.Namespace) -> int:
     warnings.simplefilter("ignore", NotConverged)  # said below
 
     default = min(numba.get_num_threads(), CHAINS_IN)
-    posterior = identify(
-        args.campaign,
-        args.out,
-        config=args.config,
-        seed=args.seed,
-        overwrite=args.overwrite,
-        per_test=args.per_test,
-        resume=args.resume,
-        keep_chains=args.keep_chains,
-        simulator=args.simulator,
-        quick=args.quick,
-        workers=args.workers if args.workers is not None else 1 if args.per_test else default,
-    )
+    asked = args.workers if args.workers is not None else 1 if args.per_test else default
+    options = given(args, "config seed overwrite per_test resume keep_chains simulator quick")
+    posterior = identify(args.campaign, args.out, workers=asked, **options)
     units = posterior.problem.units
     iwan = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
     wanted = iwan if isinstance(posterior.problem.model, Model) else posterior.problem.names
@@ -113,44 +106,30 @@ def run_identify(args: argparse.Namespace) -> int:
         action="store_true",
         help="identify each frequency alone by short runs, where identify --per-test has not",
     ),
-    argument("--simulator", metavar="FILE", help="Python file of the model that was identified; its code is run"),
+    own_file("--simulator", "Python file of the model that was identified"),
     argument("--pdf", action="store_true", help="also report.pdf: the page, printed by Chromium, Chrome or Edge"),
-    examples=(
-        "bayes-iwan report results",
-        "bayes-iwan report results --campaign moved/campaign --pdf",
-    ),
+    examples=("bayes-iwan report results", "bayes-iwan report results --campaign moved/campaign --pdf"),
 )
 def run_report(args: argparse.Namespace) -> None:
     from bayes_iwan.report.identification.identification_page import report_run
 
-    page = report_run(
-        args.folder,
-        campaign=args.campaign,
-        pdf=args.pdf,
-        per_frequency=args.per_frequency,
-        simulator=args.simulator,
-    )
-    say(str(page))
+    say(str(report_run(args.folder, **given(args, "campaign pdf per_frequency simulator"))))
 
 
 @command(
     "compare",
     "fit model families to a campaign and rank them by how well they predict",
     CAMPAIGN,
-    OUT,
-    OVERWRITE,
-    SEED,
+    *RESULTS,
     argument("--families", metavar="NAME", nargs="+", help="families to compare (default: all)"),
     CONFIG,
-    argument(
-        "--simulator", metavar="FILE", help="Python file with a model of your own to compare too; its code is run"
-    ),
+    own_file("--simulator", "Python file with a model of your own to compare too"),
     argument(
         "--by",
         choices=("auto", "loo", "tests"),
         default="auto",
-        help="rank by single data held out (ArviZ "
-        "LOO), by whole tests held out, or by the first where its Pareto k hold (auto)",
+        help="rank by single data held out (ArviZ LOO), by whole tests held out, or by the first where its Pareto k "
+        "hold (auto)",
     ),
     *workers(),
     examples=("bayes-iwan compare campaign --out families",),
@@ -158,28 +137,54 @@ def run_report(args: argparse.Namespace) -> None:
 def run_compare(args: argparse.Namespace) -> None:
     from bayes_iwan import compare
 
-    result = compare(
-        args.campaign,
-        args.out,
-        families=args.families,
-        config=args.config,
-        seed=args.seed,
-        overwrite=args.overwrite,
-        by=args.by,
-        simulator=args.simulator,
-        workers=args.workers,
-    )
+    options = given(args, "families config seed overwrite by simulator workers")
+    result = compare(args.campaign, args.out, **options)
     say(str(result))
     say(f"results are in {args.out}; open {Path(args.out) / 'compare.html'}")
+
+
+@command(
+    "diagnose",
+    "where the model misses, which cause explains it, how far the gap shrinks",
+    CAMPAIGN,
+    *RESULTS,
+    argument(
+        "--base",
+        metavar="NAME",
+        default="generalized",
+        help="model to start from: generalized (default), no_speed or classical",
+    ),
+    CONFIG,
+    argument("--effects", metavar="FILE", default=(), help="Python file with effects of your own; its code is run"),
+    SIMULATOR,
+    STOP_AT_REFITS,
+    *workers(f"as many as there are cores, {WORKERS_MOST} at most"),
+    examples=(
+        "bayes-iwan diagnose campaign --out gap",
+        "bayes-iwan diagnose campaign --quick",
+        "bayes-iwan diagnose campaign --effects my_effects.py",
+    ),
+)
+def run_diagnose(args: argparse.Namespace) -> None:
+    import numba
+
+    from bayes_iwan.executors import opened
+
+    asked = min(numba.get_num_threads(), WORKERS_MOST) if args.workers is None else args.workers
+    with opened(asked, along=True, needs=("bayes_iwan.diagnosis.diagnosis",)) as executor:
+        from bayes_iwan import diagnose  # while the processes start
+
+        options = given(args, "seed overwrite quick base config effects simulator")
+        found = diagnose(args.campaign, args.out, workers=executor, **options)
+    say("\n".join(found.sentences()))
+    say(f"results are in {args.out}; open {args.out}/diagnosis.html")
 
 
 @command(
     "batch",
     "identify or diagnose every campaign in a folder, with a table and a page across specimens",
     argument("folder", metavar="FOLDER", help="a folder of campaign folders"),
-    OUT,
-    OVERWRITE,
-    SEED,
+    *RESULTS,
     argument("--identify", action="store_true", help="identify every campaign (default, unless --diagnose)"),
     argument("--diagnose", action="store_true", help="diagnose every campaign"),
     argument("--quick", action="store_true", help="identify and diagnose by their quick ways, in seconds"),
@@ -195,19 +200,8 @@ def run_compare(args: argparse.Namespace) -> None:
 def run_batch(args: argparse.Namespace) -> int:
     from bayes_iwan import batch
 
-    result = batch(
-        args.folder,
-        args.out,
-        identify=args.identify or not args.diagnose,
-        diagnose=args.diagnose,
-        quick=args.quick,
-        seed=args.seed,
-        overwrite=args.overwrite,
-        config=args.config,
-        keep_chains=args.keep_chains,
-        group=args.group,
-        workers=args.workers,
-    )
+    options = given(args, "diagnose quick seed overwrite config keep_chains group workers")
+    result = batch(args.folder, args.out, identify=args.identify or not args.diagnose, **options)
     for name, reason in result.failures.items():
         say(f"failed: {name}: {reason}")
     for name, p in result.populations.items():
@@ -218,3 +212,30 @@ def run_batch(args: argparse.Namespace) -> int:
     say(f"{len(result.finished)} finished, {len(result.failures)} failed; open {args.out}/batch.html")
     late = any(x.converged is False for x in result.finished)
     return 4 if result.failures else 3 if late else 0
+
+
+@command(
+    "export",
+    "the identified device as files that run elsewhere: C, FMU, OpenSees, MuJoCo, Drake, JSON",
+    argument("folder", metavar="RUN", help="folder that identify or diagnose wrote"),
+    argument("--to", metavar="TARGET", required=True, help=", ".join(TARGETS)),
+    OUT,
+    argument("--draws", metavar="N", type=int, default=20, help="draws beside the point estimate (default: 20)"),
+    argument("--campaign", metavar="DIR", help="the campaign's folder: for a diagnosis, or where it has moved"),
+    own_file("--simulator", "the Python file of a run with a simulator of your own (json)"),
+    argument("--approximate", action="store_true", help="opensees: drop what it cannot hold, instead of refusing"),
+    argument(
+        "--error",
+        metavar="SHARE",
+        type=float,
+        help="opensees: largest error of the springs over the mean slip force (default: 0.00005)",
+    ),
+    examples=("bayes-iwan export results --to fmu", "bayes-iwan export gap --to c --out device --campaign campaign"),
+)
+def run_export(args: argparse.Namespace) -> None:
+    from bayes_iwan.export import export
+
+    options = given(args, "draws approximate campaign simulator error")
+    folder = export(args.folder, args.to, args.out, **options)
+    say((folder / "model_card.txt").read_text(encoding="utf-8").rstrip())
+    say(f"{', '.join(sorted(p.name for p in folder.iterdir() if p.is_file()))} are in {args.out}")
