@@ -135,7 +135,7 @@ def small_page(*rest: object) -> Path:
 
 def lighten() -> None:
     """A short pilot, pages of one figure, a diagnosis that is told: in this process and its children alone."""
-    sampling_run.PILOT = 2
+    sampling_run.POPULATION = 64
     report_folder.identification_report = small_page
     fit = SimpleNamespace(problem=SimpleNamespace(prior=SimpleNamespace(free=())))
     diagnosis_folder.diagnose_campaign = lambda campaign, **options: SimpleNamespace(

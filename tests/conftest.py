@@ -125,8 +125,8 @@ def short_pilot():
     from bayes_iwan.sampling import run
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "PILOT", 2)
-        yield "from bayes_iwan.sampling import run; run.PILOT = 2"
+        patch.setattr(run, "POPULATION", 64)
+        yield "from bayes_iwan.sampling import run; run.POPULATION = 64"
 
 
 # the analyses' scripts give their workers one thread through the environment; run inside this process they must not

@@ -27,7 +27,6 @@ class Plan:
     checkpoint : file that is written as the run goes on; with `resume` a run goes on from it to the very same draws. A
         file that is not there yet is started
     fingerprint : named hashes of whatever makes this run what it is; a checkpoint with others is refused
-    pilot : blocks of steps before any draw counts, at least; None: :data:`bayes_iwan.sampling.run.PILOT`
     budget_s : seconds of one call after which it stops; max_steps : steps that count
     target_r_hat, target_ess, chain_taus : all of R-hat ≤, bulk and tail ESS ≥, and steps ≥ chain_taus · tau, for every
         sampled number and every quantity
@@ -43,7 +42,6 @@ class Plan:
     checkpoint: Path | None = None
     fingerprint: Mapping[str, str] = field(default_factory=dict)
     resume: bool = False
-    pilot: int | None = None
     budget_s: float | None = None
     max_steps: int = 200_000
     target_r_hat: float = 1.01

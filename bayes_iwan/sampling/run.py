@@ -1,9 +1,9 @@
 """Sampling a posterior with emcee until it has converged: one run, whatever the posterior.
 
-Walkers move by proposals that are learnt from draws (:mod:`bayes_iwan.sampling.proposals`): at first from those of the
-normal approximation about the optima, then from the later half of the walkers' own, whenever these are half as many
-again and those since are not half of what is asked. Draws count from the last time on. No walker ever knows of another
-one that production moves, so they are as many chains.
+Walkers are led to the posterior (:mod:`bayes_iwan.sampling.annealing`), then move by proposals that are learnt from
+draws (:mod:`bayes_iwan.sampling.proposals`): at first from where all of them were led to, then from the later half of
+the walkers' own, whenever these are half as many again and those since are not half of what is asked. Draws count from
+the last time on. No walker ever knows of another one that production moves, so they are as many chains.
 
 Walkers advance in blocks of steps, each with random numbers of its own that follow from the seed, so draws are the same
 wherever a block is computed. Block by block they go into a checkpoint; a run that goes on from it draws the very same.
@@ -24,7 +24,8 @@ from tqdm import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Rounds
-from bayes_iwan.sampling.blocks import Density, Places, advanced, generator
+from bayes_iwan.sampling.annealing import annealed, guess_about
+from bayes_iwan.sampling.blocks import Density, Moves, Places, advanced, generator
 from bayes_iwan.sampling.chains import Chains, Stop
 from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, Snapshot, not_ours
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
@@ -34,12 +35,11 @@ from bayes_iwan.threads import linear_algebra
 
 STAGE = "draws"
 BLOCK = 25  # steps between two commits
-PILOT = 48  # blocks before any draw counts, at least
+POPULATION = 256  # walkers that are led to the posterior, at least
 _TOGETHER = 32  # walkers that advance together: calls of few rows cost more each
 _LEARNT = 10_000  # draws that moves are learnt from at most
 _AGAIN = 1.5  # times the draws before moves are learnt anew
 _LOOKED_AT = 800  # steps at most that convergence is reckoned from, evenly thinned
-_SCATTER = 0.7  # of starts about an optimum, in posterior standard deviations
 FIRST_CHECK = 100
 #: times the draws at which to look next, at least and at most: where they would be enough by those so far
 _MORE = 1.15, 2.0
@@ -48,7 +48,7 @@ _MORE = 1.15, 2.0
 def sample(
     density: Density,
     starts: Array,
-    root: Array,
+    roots: Array,
     plan: Plan,
     *,
     n_ensembles: int = 4,
@@ -62,9 +62,9 @@ def sample(
     density
         what is sampled, over coordinates z (ndim,).
     starts
-        optima (members, ndim), best first; walkers start about different ones.
-    root
-        lower triangular (ndim, ndim), root @ root.T about the posterior's covariance at the first.
+        optima (members, ndim).
+    roots
+        (members, ndim, ndim), root @ root.T about the posterior's covariance at each, or one (ndim, ndim) for all.
     plan
         what is asked.
     n_walkers
@@ -80,14 +80,14 @@ def sample(
     CheckpointError
         a checkpoint that belongs to another run.
     """
-    return EnsembleRun(density, np.asarray(starts, float), root, plan, n_ensembles, n_walkers, executor).chains()
+    return EnsembleRun(density, np.asarray(starts, float), roots, plan, n_ensembles, n_walkers, executor).chains()
 
 
 class EnsembleRun:
     """All walkers, their moves, and what they have drawn."""
 
     def __init__(
-        self, density: Density, starts: Array, root: Array, plan: Plan, n_ensembles: int, n_walkers: int,
+        self, density: Density, starts: Array, roots: Array, plan: Plan, n_ensembles: int, n_walkers: int,
         executor: Executor | None,
     ) -> None:  # fmt: skip
         self.density, self.plan, self._executor = density, plan, executor
@@ -96,10 +96,11 @@ class EnsembleRun:
         if starts.ndim != 2 or starts.shape[1] != density.ndim:
             raise SamplingError(f"starts have shape {starts.shape}; it must be (members, {density.ndim})")
         self.n_ensembles, self.walkers = n_ensembles, n_walkers
-        self._starts, self._root = starts[:, density.walked], root[density.walked]
-        self._pilot = PILOT if plan.pilot is None else plan.pilot
+        roots = np.broadcast_to(roots, (len(starts), *roots.shape[-2:]))
+        self._guess = guess_about(starts[:, density.walked], roots[:, density.walked])
         self._began = time.monotonic()
         self.at: Places
+        self._led: Array  # places (n, walked) that walkers were led to
         #: of every block: z (steps, all walkers, ndim), ln p (steps, all walkers), further quantities
         self.z: list[Array] = []
         self.log_prob: list[Array] = []
@@ -114,7 +115,7 @@ class EnsembleRun:
     @property
     def steps(self) -> int:
         """That count."""
-        return BLOCK * (self.blocks - self.learnt) if self.blocks > self._pilot else 0
+        return BLOCK * (self.blocks - self.learnt)
 
     @property
     def late(self) -> bool:
@@ -133,20 +134,23 @@ class EnsembleRun:
             known = known.reshape(-1, known.shape[-1])
             known = known[random.permutation(len(known))[:_LEARNT]]
         else:
-            known = self._scattered(_LEARNT, self._random(1))
+            known = self._led
         moves = learnt_moves(known, self.density.blocks, random)
         self._rounds = Rounds(self._executor, (self.density, moves, BLOCK))
 
     def block(self) -> None:
         """Some steps of all walkers."""
-        pieces = [
-            (self.at.some(slice(first, first + _TOGETHER)), (self.plan.seed, 34, self.blocks, first))
-            for first in range(0, len(self.at.x), _TOGETHER)
-        ]
-        ends = list(self._rounds.results(pieces, advanced))
-        out = Places(*(np.concatenate([getattr(e, f) for e, _ in ends], axis=1) for f in ("x", "drawn", "log_prob")))
+        out = self._advanced(self._rounds, self.at, (self.plan.seed, 34, self.blocks))
         self.at = Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
         self._keep(self.density.whole(out.x, out.drawn), out.log_prob)
+
+    def _advanced(self, rounds: Rounds[Any], at: Places, seed: tuple[int, ...]) -> Places:
+        """Where walkers have been in a block of steps from where they are (steps, n, …)."""
+        pieces = [
+            (at.some(slice(first, first + _TOGETHER)), (*seed, first)) for first in range(0, len(at.x), _TOGETHER)
+        ]
+        ends = list(rounds.results(pieces, advanced))
+        return Places(*(np.concatenate([getattr(e, f) for e, _ in ends], axis=1) for f in ("x", "drawn", "log_prob")))
 
     def _keep(self, z: Array, log_prob: Array) -> None:
         other = self.plan.evaluated(z)  # first: Ctrl-C may come here
@@ -154,30 +158,20 @@ class EnsembleRun:
         self.log_prob.append(log_prob)
         self.other.append(other)
 
-    def _scattered(self, n: int, random: np.random.RandomState, scatter: float = 1.0) -> Array:
-        """(n, walked) about the starts, as the normal approximation at the first one is."""
-        unit = random.standard_normal((n, self._root.shape[1]))
-        return np.resize(self._starts, (n, self._starts.shape[1])) + scatter * (unit @ self._root.T)
+    def _started(self, bar: tqdm) -> None:
+        """Walkers are led to the posterior; some of them go on."""
+        need = self.n_ensembles * self.walkers
 
-    def _started(self) -> Places:
-        """Walkers scattered about the starts."""
-        random, need = self._random(0), self.n_ensembles * self.walkers
-        tried = np.repeat(self._starts, need, axis=0)  # what is drawn there may be possible or not
-        levels = self.density(tried, random)[:, 0].reshape(-1, need).max(axis=1)
-        if not np.isfinite(levels).any():
-            raise SamplingError(
-                f"none of the {len(levels)} starts has a finite log-probability: there is nowhere to start from; "
-                "check the data, the bounds and the priors"
-            )
-        self._starts = self._starts[np.isfinite(levels)]
-        x, left, scatter = np.zeros((need, self._starts.shape[1])), np.arange(need), _SCATTER
-        out = Places(x, np.zeros((need, len(self.density.drawn))), np.full(need, -np.inf))
-        while len(left):  # where a walker would start at an impossible place it starts nearer
-            x[left] = self._scattered(need, random, scatter)[left]
-            found = self.density(x[left], random)
-            out.log_prob[left], out.drawn[left] = found[:, 0], found[:, 1:]
-            left, scatter = left[~np.isfinite(found[:, 0])], 0.7 * scatter
-        return out
+        def advance(at: Places, moves: Moves, steps: int, density: Density, stage: int) -> Places:
+            out = self._advanced(Rounds(self._executor, (density, moves, steps)), at, (self.plan.seed, 33, stage))
+            return Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
+
+        bar.set_description("walkers on their way")
+        for beta, led in annealed(
+            self.density, self._guess, max(need, POPULATION), (self.plan.seed, 35, 0), advance, lambda: self.late
+        ):
+            bar.set_postfix_str(f"{beta:.0%} there")
+        self._led, self.at = led.x, led.some(np.linspace(0, len(led.x) - 1, need).round().astype(int))
 
     def counted(self, blocks: list[Array]) -> Array:
         """(ensembles, steps, walkers, …) of the blocks that count."""
@@ -205,11 +199,9 @@ class EnsembleRun:
         # sums of linear algebra keep their order: moves, so draws, are the same on any number of threads
         with tqdm(disable=plan.quiet, unit="step") as bar, linear_algebra().limit(limits=1):
             try:
-                file = self._opened()
+                file = self._opened(bar)
                 while stop is None:
                     again, late = self._again(), self.late
-                    if late:  # what there is counts, of the pilot too
-                        self._pilot = 0
                     if self.steps >= 16 and (self.steps >= self.look or again or late or self.steps >= plan.max_steps):
                         result = self.convergence()
                         short = plan.shortfall(result)
@@ -227,7 +219,7 @@ class EnsembleRun:
                         if file is not None:
                             file.append(STAGE, self.z[-1], self.log_prob[-1])
                             file.commit(self.state())
-                        bar.set_description("sampling" if self.steps else "pilot")
+                        bar.set_description("sampling")
                         bar.update(BLOCK)
             except KeyboardInterrupt:
                 stop, said = Stop.INTERRUPTED, "interrupted" if self.steps else "interrupted before any draw counts"
@@ -260,7 +252,7 @@ class EnsembleRun:
         """Would as many draws again be enough?"""
         return result is not None and 2.0 * result.least_ess >= self.plan.target_ess
 
-    def _opened(self) -> Checkpoint | None:
+    def _opened(self, bar: tqdm) -> Checkpoint | None:
         """The checkpoint, where there is one, and the walkers where it leaves them, else at their starts."""
         plan, stages = self.plan, {STAGE: self.n_ensembles * self.walkers}
         stamp = {**plan.fingerprint, "seed": str(plan.seed), "ensembles": str(self.n_ensembles)}
@@ -276,7 +268,7 @@ class EnsembleRun:
                 file.close()
                 raise
         else:
-            self.at = self._started()
+            self._started(bar)
             file = None
             if plan.checkpoint is not None:
                 file = Checkpoint.create(plan.checkpoint, stamp, plan.names, stages, self.state())
@@ -286,14 +278,14 @@ class EnsembleRun:
     def state(self) -> dict[str, NDArray[Any]]:
         """What the run goes on from."""
         own = {name: getattr(self.at, name) for name in ("x", "drawn", "log_prob")}
-        return own | {"starts": self._starts, "learnt": np.array(self.learnt), "look": np.array(self.look)}
+        return own | {"led": self._led, "learnt": np.array(self.learnt), "look": np.array(self.look)}
 
     def _restored(self, found: Snapshot, path: Path) -> None:
         """Be as an earlier run was."""
         state: Mapping[str, NDArray[Any]] = found.state
         try:
             self.at = Places(*(np.asarray(state[name], float).copy() for name in ("x", "drawn", "log_prob")))
-            self._starts = np.asarray(state["starts"], float)
+            self._led = np.asarray(state["led"], float)
             self.learnt, self.look = int(state["learnt"]), int(state["look"])
             n, d, z = len(self.at.x), len(self.density.walked), found.draws[STAGE]
             shapes = [self.at.x.shape, self.at.drawn.shape, self.at.log_prob.shape, z.shape[1:]]
@@ -301,9 +293,9 @@ class EnsembleRun:
                 raise ValueError(f"arrays of shapes {shapes}")
             if n != self.n_ensembles * self.walkers or len(z) % BLOCK:
                 raise ValueError(f"{n} walkers, {len(z)} steps")
-            if self._starts.shape[1:] != (d,) or not 0 <= self.learnt * BLOCK <= len(z):
-                raise ValueError(f"learnt after {self.learnt} blocks from {self._starts.shape}")
-            if not all(np.isfinite(some).all() for some in (self.at.x, self.at.drawn, self._starts, z)):
+            if self._led.shape[1:] != (d,) or not 0 <= self.learnt * BLOCK <= len(z):
+                raise ValueError(f"learnt after {self.learnt} blocks from {self._led.shape}")
+            if not all(np.isfinite(some).all() for some in (self.at.x, self.at.drawn, self._led, z)):
                 raise ValueError("numbers that are not finite")
         except (KeyError, ValueError, TypeError, IndexError, OverflowError) as error:
             raise not_ours(path, error) from None

@@ -21,9 +21,8 @@ from bayes_iwan.sampling.chains import Chains
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import sample
 
-#: what is asked of a quick run: half as many walkers, and it ends with the first draws that count
-QUICK: dict[str, Any] = {"walkers": 8, "max_steps": 100, "ess": 0.0, "r_hat": float("inf"), "taus": 0.0}
-_SHORT = 4  # blocks of steps before the first draws
+#: what is asked of a quick run: all walkers that were led to the posterior, and one block of their steps
+QUICK: dict[str, Any] = {"walkers": 64, "max_steps": 25, "ess": 0.0, "r_hat": float("inf"), "taus": 0.0}
 
 
 @dataclass(frozen=True)
@@ -39,20 +38,17 @@ class Run:
     executor: Executor | None = None
 
 
-def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> Chains:
-    """Draws of a problem's posterior, by walkers that start about its optima (k, ndim), best first."""
-    return _sampled(problem, optima, _plan(problem, s, run), s, run)
-
-
 def first_draws(problem: Problem, optima: Array, count: int, seed: int) -> Array:
     """z (count, ndim) of a short run without a checkpoint, which is not asked whether it has converged."""
     s, run = replace(SamplingSettings(), **QUICK), Run(seed)
-    return _sampled(problem, optima, replace(_plan(problem, s, run), pilot=_SHORT), s, run).flat(count)
+    return sampled(problem, optima, s, run).flat(count)
 
 
-def _plan(problem: Problem, s: SamplingSettings, run: Run) -> Plan:
+def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> Chains:
+    """Draws of a problem's posterior, by walkers that are led there from its optima (k, ndim)."""
+    marginal = Marginal(problem)
     names, parameter_values = _unsampled(problem)
-    return Plan(
+    plan = Plan(
         names=tuple(problem.names),
         seed=run.seed,
         quantities=parameter_values,
@@ -67,14 +63,10 @@ def _plan(problem: Problem, s: SamplingSettings, run: Run) -> Plan:
         chain_taus=s.taus,
         progress=run.progress,
     )
-
-
-def _sampled(problem: Problem, optima: Array, plan: Plan, s: SamplingSettings, run: Run) -> Chains:
-    marginal = Marginal(problem)
     return sample(
         Density(marginal, marginal.walked, marginal.drawn, marginal.blocks),
         optima,
-        laplace_scale(problem, optima[0]),
+        np.stack([laplace_scale(problem, z) for z in optima]),
         plan,
         n_ensembles=s.ensembles,
         n_walkers=s.walkers,

@@ -1,0 +1,110 @@
+"""Walkers that are led from a wide guess to the posterior, so that they start all over it, in all of its parts.
+
+The guess q is a mixture of t distributions about the optima, several times as wide as the normal approximations there,
+as far as the prior allows. From q the densities q^(1−β) p^β lead to the posterior p, each β as far from the last one as
+half of the walkers bear: these are drawn again as often as their weights say, moves are learnt from them, and emcee
+moves them by some steps (annealed importance sampling with resampling: Del Moral, Doucet & Jasra, J. R. Stat. Soc. B
+68, 2006, 411). Normal approximations alone are too narrow where the posterior is a bent sheet, and know little of how
+much each of its parts weighs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import logsumexp
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.sampling.blocks import Density, Moves, Places, generator
+from bayes_iwan.sampling.plan import SamplingError
+from bayes_iwan.sampling.proposals import Mixture, learnt_moves
+
+#: how many times as wide as the normal approximations the guess is: where 1 was, intervals of the walkers were a third
+#: to a half of those of converged draws on some specimens
+_WIDE = 6.0
+#: share of the walkers that each step of β leaves, as their weights count; steps at each β
+_LEFT, _STEPS = 0.5, 10
+#: moves walkers (where they are, moves, steps, density, which β this is) and returns where they have been
+Advance = Callable[[Places, Moves, int, Density, int], Places]
+
+
+@dataclass(frozen=True)
+class _Between:
+    """q^(1−β) p^β, as `Density` takes it."""
+
+    density: Density
+    guess: Mixture
+    beta: float
+
+    def __call__(self, x: Array, random: np.random.RandomState) -> Array:
+        found = self.density(x, random)
+        found[:, 0] = self.beta * found[:, 0] + (1.0 - self.beta) * self.guess.log_density(x)
+        return found
+
+
+def guess_about(optima: Array, roots: Array) -> Mixture:
+    """q, from optima (k, ndim) and roots (k, ndim, m) of their covariances, in coordinates whose prior's standard
+    deviations are 1."""
+    precision = np.linalg.inv(roots @ roots.transpose(0, 2, 1)) / _WIDE**2 + np.eye(optima.shape[1])
+    return Mixture(np.full(len(optima), 1.0 / len(optima)), optima, np.linalg.cholesky(np.linalg.inv(precision)))
+
+
+def annealed(
+    density: Density, guess: Mixture, count: int, seed: tuple[int, ...], advance: Advance, late: Callable[[], bool]
+) -> Iterator[tuple[float, Places]]:
+    """β and where the walkers (count of them) are at it, until β = 1, which comes at once where it is `late`.
+
+    Raises SamplingError where no optimum has a finite log-probability.
+    """
+    random, beta, stage = generator(seed), 0.0, 0
+    at = _first(density, guess, count, random)
+    while beta < 1.0:
+        weight = at.log_prob - guess.log_density(at.x)
+        last, beta = beta, 1.0 if late() else _next(beta, weight)
+        share = np.exp((beta - last) * (weight - weight.max()))
+        again = np.searchsorted(np.cumsum(share), (np.arange(count) + random.random_sample()) / count * share.sum())
+        at = at.some(np.minimum(again, count - 1))
+        moves = learnt_moves(at.x, density.blocks, random)
+        between = density if beta == 1.0 else replace(density, function=_Between(density, guess, beta))
+        known = (1.0 - beta) * guess.log_density(at.x)
+        at = advance(replace(at, log_prob=beta * at.log_prob + known), moves, _STEPS, between, stage)
+        at = replace(at, log_prob=(at.log_prob - (1.0 - beta) * guess.log_density(at.x)) / beta)
+        stage += 1
+        yield beta, at
+
+
+def _first(density: Density, guess: Mixture, count: int, random: np.random.RandomState) -> Places:
+    """Draws of the guess; where one is impossible, nearer to an optimum."""
+    tried = np.repeat(guess.centres, count, axis=0)  # what is drawn there may be possible or not
+    possible = np.flatnonzero(np.isfinite(density(tried, random)[:, 0].reshape(-1, count)).any(axis=1))
+    if len(possible) == 0:
+        raise SamplingError(
+            f"none of the {len(guess.centres)} starts has a finite log-probability: there is nowhere to start from; "
+            "check the data, the bounds and the priors"
+        )
+    guess = Mixture(
+        guess.weights[possible] / guess.weights[possible].sum(), guess.centres[possible], guess.roots[possible]
+    )
+    x, left = guess.draw(count, random), np.arange(count)
+    out = Places(x, np.zeros((count, len(density.drawn))), np.full(count, -np.inf))
+    centre = guess.centres[random.randint(len(guess.centres), size=count)]
+    while len(left):
+        found = density(x[left], random)
+        out.log_prob[left], out.drawn[left] = found[:, 0], found[:, 1:]
+        left = left[~np.isfinite(found[:, 0])]
+        x[left] = centre[left] + 0.7 * (x[left] - centre[left])
+    return out
+
+
+def _next(beta: float, weight: Array) -> float:
+    """The β at which the effective share of walkers (Kong, Liu & Wong, J. Am. Stat. Assoc. 89, 1994, 278) is _LEFT,
+    from weights' logarithms; 1 at most."""
+
+    def left(to: float) -> float:
+        level = (to - beta) * weight
+        return float(np.exp(2.0 * logsumexp(level) - logsumexp(2.0 * level)) / len(weight) - _LEFT)
+
+    return 1.0 if left(1.0) >= 0.0 else float(brentq(left, beta, 1.0))
