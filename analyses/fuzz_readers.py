@@ -152,7 +152,7 @@ def _sampled(path: Path, resume: bool) -> object:
     """A short run of a normal distribution in two numbers, or what going on from its checkpoint gives."""
     both = np.arange(2)
     density = Density(_gauss, both, both[:0], (both,))
-    plan = Plan(("a", "b"), 1, checkpoint=path, resume=resume, pilot=1, max_steps=40, progress=False)
+    plan = Plan(("a", "b"), 1, checkpoint=path, resume=resume, max_steps=40, progress=False)
     return sampling_run.sample(density, np.zeros((1, 2)), np.eye(2), plan, n_ensembles=2, n_walkers=8)
 
 

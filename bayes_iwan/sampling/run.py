@@ -135,7 +135,12 @@ class EnsembleRun:
             known = known[random.permutation(len(known))[:_LEARNT]]
         else:
             known = self._led
-        moves = learnt_moves(known, self.density.blocks, random)
+        try:
+            moves = learnt_moves(known, self.density.blocks, random)
+        except np.linalg.LinAlgError as error:  # from draws that no run has drawn
+            if self.plan.resumed is None:
+                raise
+            raise not_ours(self.plan.resumed, error) from None
         self._rounds = Rounds(self._executor, (self.density, moves, BLOCK))
 
     def block(self) -> None:
@@ -202,7 +207,7 @@ class EnsembleRun:
                 file = self._opened(bar)
                 while stop is None:
                     again, late = self._again(), self.late
-                    if self.steps >= 16 and (self.steps >= self.look or again or late or self.steps >= plan.max_steps):
+                    if self.steps >= 16 and (self.steps >= self.look or late or self.steps >= plan.max_steps):
                         result = self.convergence()
                         short = plan.shortfall(result)
                         more = max(_MORE[0], plan.target_ess / result.least_ess)  # where that is NaN, the least
@@ -261,9 +266,6 @@ class EnsembleRun:
             try:
                 self._restored(found, plan.resumed)
                 self._learn()
-            except np.linalg.LinAlgError as error:  # from draws that no run has drawn
-                file.close()
-                raise not_ours(plan.resumed, error) from None
             except CheckpointError:
                 file.close()
                 raise

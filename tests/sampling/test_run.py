@@ -46,13 +46,14 @@ TARGET = of(noisy, [0], [1])
 
 @pytest.fixture(autouse=True)
 def few_draws_to_learn_from(monkeypatch):
-    """Else learning is most of these runs."""
+    """Else learning, and leading many walkers, is most of these runs."""
     monkeypatch.setattr(run, "_LEARNT", 2000)
+    monkeypatch.setattr(run, "POPULATION", 64)
 
 
 def sample(density=TARGET, starts=BEST, root=ROOT, executor=None, n_walkers=24, n_ensembles=4, **asked):
     names = (*NAMES, "c", "d")[: density.ndim]
-    plan = Plan(**{"names": names, "seed": 1, "progress": False, "pilot": 1, **asked})
+    plan = Plan(**{"names": names, "seed": 1, "progress": False, **asked})
     return run.sample(density, starts, root, plan, executor=executor, n_walkers=n_walkers, n_ensembles=n_ensembles)
 
 
@@ -179,23 +180,15 @@ def test_moves_are_learnt_anew_as_draws_grow_and_draws_count_since_then(monkeypa
     endless = sample(max_steps=125, n_walkers=4, **ENDLESS)
     assert found == [0, 1, 2, 3, 5, 8, 12] and endless.n_steps == 125
     assert endless.draws.shape == (4, 125, 4, 2)
-    found.clear()
-    late = sample(
-        max_steps=125, n_walkers=4, pilot=7, **ENDLESS
-    )  # of which five blocks are for moves, and do not count
-    np.testing.assert_array_equal(late.draws, endless.draws)
-    found.clear()
-    enough = sample(target_ess=1.0, pilot=7)
-    assert enough.converged and found == [0, 1, 2, 3, 5] and enough.n_steps == 75  # blocks 6, 7 and 8 are draws
 
 
 def test_moves_are_not_learnt_anew_where_as_many_draws_again_would_be_enough(monkeypatch):
     found = learnt_after(monkeypatch)
-    asked = {"pilot": 12, "n_walkers": 4, "target_r_hat": np.inf}
+    asked = {"n_walkers": 4, "target_r_hat": np.inf}
     near = sample(target_ess=700.0, **asked)
-    assert near.converged and found[-1] == 12 and near.n_steps > 150  # 150: half as many again as in twelve blocks
+    assert near.converged and found[-1] == 8 and near.n_steps > 100  # 100: half as many again as in eight blocks
     far = sample(target_ess=1400.0, **asked)
-    assert far.converged and found[-1] >= 18
+    assert far.converged and found[-1] >= 12
 
 
 def test_what_is_learnt_serves_where_the_start_is_wrong():
@@ -205,7 +198,7 @@ def test_what_is_learnt_serves_where_the_start_is_wrong():
         thin = (x[:, 1] - x[:, 0] ** 2) / 0.01
         return (-0.5 * x[:, 0] ** 2 - 0.5 * thin**2)[:, None]
 
-    chains = sample(of(sheet, [0], [1]), np.zeros((1, 2)), np.diag([1.0, 10.0]), pilot=12, target_ess=1000)
+    chains = sample(of(sheet, [0], [1]), np.zeros((1, 2)), np.diag([1.0, 10.0]), target_ess=1000)
     assert chains.converged
     z = chains.flat()
     np.testing.assert_allclose([z[:, 0].mean(), z[:, 0].var()], [0.0, 1.0], atol=0.1)
@@ -216,8 +209,9 @@ def test_what_is_learnt_serves_where_the_start_is_wrong():
 def test_convergence_is_looked_at_when_draws_would_be_enough(monkeypatch):
     """At no more than twice the steps of the last look, and not at every block."""
     looks, convergence = [], run.EnsembleRun.convergence
+    monkeypatch.setattr(run.EnsembleRun, "_again", lambda self: False)
     monkeypatch.setattr(run.EnsembleRun, "convergence", lambda self: (looks.append(self.steps), convergence(self))[1])
-    sample(pilot=27, n_walkers=4, max_steps=325, **ENDLESS)
+    sample(n_walkers=4, max_steps=325, **ENDLESS)
     assert looks == [100, 200, 325]
 
 
@@ -395,7 +389,7 @@ SCRIPT = textwrap.dedent("""
     import sys, pathlib
     sys.path.insert(0, {here!r})
     import test_run as t
-    t.run._LEARNT = 2000
+    t.run._LEARNT, t.run.POPULATION = 2000, 64
     t.sample(max_steps=300, n_walkers=8, seed=5, checkpoint=pathlib.Path({path!r}), resume=True, **t.ENDLESS)
 """)
 
@@ -435,8 +429,8 @@ def _stored(path):
         {"state/x": np.full((96, 2), np.nan)},
         {"state/drawn": np.zeros((96, 1))},
         {"state/log_prob": np.array("none")},
-        {"state/starts": np.full((1, 2), np.nan)},
-        {"state/starts": np.zeros((1, 3))},
+        {"state/led": np.full((1, 2), np.nan)},
+        {"state/led": np.zeros((1, 3))},
         {"state/learnt": np.array(99)},
         {"state/learnt": np.array(np.inf)},
         {"state/look": np.zeros(2)},
