@@ -6,7 +6,7 @@ Small made-up campaigns, so that a kill costs half a second. Each trial runs a c
 ended at a random moment, checks what lies in its folder, starts it again, and so on until it finishes by itself; then
 every result must be that of a run that nobody disturbed, bit for bit, with nothing else left in the folder. Kills come
 so early or late that some run in three to six gets through, since only those are compared. To spend
-the time on what is on trial, the pilot of a sampling run is short, pages have one figure, and a diagnosis, which has no
+the time on what is on trial, few walkers are led to a posterior, pages have one figure, and a diagnosis, which has no
 state to go on from, finds what it is told: the kills strike while its files are written.
 """
 
@@ -134,7 +134,7 @@ def small_page(*rest: object) -> Path:
 
 
 def lighten() -> None:
-    """A short pilot, pages of one figure, a diagnosis that is told: in this process and its children alone."""
+    """Few walkers, pages of one figure, a diagnosis that is told: in this process and its children alone."""
     sampling_run.POPULATION = 64
     report_folder.identification_report = small_page
     fit = SimpleNamespace(problem=SimpleNamespace(prior=SimpleNamespace(free=())))

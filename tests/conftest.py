@@ -119,9 +119,9 @@ def short_config(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def short_pilot():
-    """The sampler's pilot at its shortest, in this process: else it is most of a run on these small problems. Gives the
-    line that makes it short in a child."""
+def few_walkers():
+    """Few walkers are led to a posterior, in this process: else they are most of a run on these small problems. Gives
+    the line that makes them few in a child."""
     from bayes_iwan.sampling import run
 
     with pytest.MonkeyPatch.context() as patch:

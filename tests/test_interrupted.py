@@ -12,11 +12,11 @@ from bayes_iwan.cli import main
 
 @pytest.mark.usefixtures("no_pictures")
 def test_a_signal_ends_a_run_and_resume_gives_the_same_answer(
-    tmp_path, made_up_campaign, short_config, short_pilot, no_pictures
+    tmp_path, made_up_campaign, short_config, few_walkers, no_pictures
 ):
     words = ["identify", str(made_up_campaign), "--config", str(short_config), "--seed", "1", "--out"]
     cut, whole = tmp_path / "cut", tmp_path / "whole"
-    code = f"import sys; from bayes_iwan.cli import main; {short_pilot}; {no_pictures}; sys.exit(main())"
+    code = f"import sys; from bayes_iwan.cli import main; {few_walkers}; {no_pictures}; sys.exit(main())"
     run = subprocess.Popen([sys.executable, "-c", code, *words, str(cut)], stderr=subprocess.PIPE, text=True)
     end = time.monotonic() + 120
     while not (cut / "chains.ckpt").exists() and time.monotonic() < end:

@@ -24,7 +24,7 @@ ONE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "con
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _words_alone(no_pictures, short_pilot):
+def _words_alone(no_pictures, few_walkers):
     """For every page and run here."""
 
 

@@ -63,7 +63,7 @@ def folder(small_loops, tmp_path_factory):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _short(short_pilot):
+def _short(few_walkers):
     """For every run here."""
 
 

@@ -35,7 +35,7 @@ CONFIG = {
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _quick(no_pictures, short_pilot):
+def _quick(no_pictures, few_walkers):
     """For every batch here."""
 
 
@@ -157,13 +157,13 @@ if __name__ == "__main__":
 
 
 def test_killed_half_way_in_two_processes_it_goes_on_to_the_same_answer(
-    done, folder, tmp_path, short_pilot, no_pictures
+    done, folder, tmp_path, few_walkers, no_pictures
 ):
     _, whole = done
     out, script, two = tmp_path / "out", tmp_path / "run.py", tmp_path / "two"
     # above `if __name__`: its worker processes read it too
     files = "from bayes_iwan.report import page; page.FILES = ()"
-    script.write_text("\n".join((short_pilot, no_pictures, files, RUN)))
+    script.write_text("\n".join((few_walkers, no_pictures, files, RUN)))
     for name in "ab":
         shutil.copytree(folder / name, two / name)
     env = {**os.environ, "PYTHONPATH": str(Path(bayes_iwan.__file__).parents[1])}

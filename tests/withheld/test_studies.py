@@ -244,7 +244,7 @@ def test_uniform_ranks_pass_and_bent_ones_do_not(study):
     assert max(bent.values()) < 0.01
 
 
-@pytest.mark.usefixtures("short_pilot")
+@pytest.mark.usefixtures("few_walkers")
 @pytest.mark.parametrize("way", [["--budget", "2"], ["--from-truth"]])
 def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch, way):
     monkeypatch.chdir(ROOT)
@@ -257,7 +257,7 @@ def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch, way):
     assert (tmp_path / "sbc.png").stat().st_size > 5000
 
 
-@pytest.mark.usefixtures("small_design", "short_pilot")
+@pytest.mark.usefixtures("small_design", "few_walkers")
 def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
     ways = ["--kind", "rig", "exact", "--forms", "plain", "--draws", "sampled", "quick"]
     asked = ["coverage_rig.py", "--cases", "1", "--budget", "1", "--out", str(tmp_path), *ways]
