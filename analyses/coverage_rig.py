@@ -35,8 +35,8 @@ from bayes_iwan.inference.setup.loop_scales import loop_energy_mJ
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings
+from bayes_iwan.inference.solving.between_tests import stretched
 from bayes_iwan.inference.solving.posterior_draws import QUICK
-from bayes_iwan.inference.solving.widening import widened
 from bayes_iwan.virtual_rig import cases as rig_cases
 from bayes_iwan.virtual_rig import simulate as rig
 from bayes_iwan.virtual_rig.specimen import Specimen
@@ -129,7 +129,7 @@ def one_case(
         for way in ways:
             asked = SamplingSettings(budget_s=budget_s)
             z, told = short_posterior(problem, point, index, asked if way == "sampled" else replace(asked, **QUICK))
-            wide, stretch = widened(problem, z, index)
+            wide, stretch = stretched(problem, z, index)
             some = np.linspace(0, len(z) - 1, 2000).round().astype(int)
             out[f"{form} {way}"] = told | {"rows": placed(problem, wide[some], made["truth"]), "stretch": stretch}
             out[f"{form} {way}, as drawn"] = told | {"rows": placed(problem, z[some], made["truth"])}

@@ -26,9 +26,9 @@ from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
+from bayes_iwan.inference.solving.between_tests import stretched
 from bayes_iwan.inference.solving.point import find_point, near_optima
 from bayes_iwan.inference.solving.posterior_draws import QUICK, Run, sampled
-from bayes_iwan.inference.solving.widening import widened
 from bayes_iwan.models import Simulator
 from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.sampling.chains import Chains, Stop
@@ -240,7 +240,7 @@ def _posterior(
     kept = slice(stored - 1 - every * ((stored - 1) // every), None, every)
     z, stretch = np.moveaxis(chains.draws[:, kept], 2, 1).reshape(ensembles, -1, ndim), 1.0
     if settings.sampling.between_tests:
-        flat, stretch = widened(problem, z.reshape(-1, ndim), chains.seed)
+        flat, stretch = stretched(problem, z.reshape(-1, ndim), chains.seed)
         z = flat.reshape(z.shape)
     c = chains.convergence
     diagnostics = () if c is None else zip(c.names, c.ess_bulk, c.ess_tail, c.r_hat, c.tau_steps)

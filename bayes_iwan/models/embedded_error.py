@@ -24,7 +24,7 @@ from bayes_iwan.models.slip_force import SlipForce
 #: quartiles hold (`analyses/guide/measured.md`)
 SLIP_TERMS = 12
 #: further terms, one for each doubling of the slip forces: without them intervals of kp and of the mean slip force
-#: leave out that the tail of the slip forces may be another
+#: are too narrow, since the tail of the slip forces may be another
 TAIL_OCTAVES = 2
 TAIL_NAMES = tuple(f"slip_tail{2**k}" for k in range(1, TAIL_OCTAVES + 1))
 SLIP_NAMES = (*(f"slip_deviation{k}" for k in range(1, SLIP_TERMS + 1)), *TAIL_NAMES)

@@ -4,7 +4,7 @@ The guess q is a mixture of t distributions about the optima, several times as w
 as far as the prior allows. From q the densities q^(1−β) p^β lead to the posterior p, each β as far from the last one as
 half of the walkers bear: these are drawn again as often as their weights say, moves are learnt from them, and emcee
 moves them by some steps (annealed importance sampling with resampling: Del Moral, Doucet & Jasra, J. R. Stat. Soc. B
-68, 2006, 411). Normal approximations alone are too narrow where the posterior is a bent sheet, and know little of how
+68, 2006, 411). Normal approximations alone are too narrow where the posterior is a curved sheet, and know little of how
 much each of its parts weighs.
 """
 

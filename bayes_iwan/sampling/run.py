@@ -101,6 +101,7 @@ class EnsembleRun:
         self._began = time.monotonic()
         self.at: Places
         self._led: Array  # places (n, walked) that walkers were led to
+        self._hurried = False  # there, since time was up
         #: of every block: z (steps, all walkers, ndim), ln p (steps, all walkers), further quantities
         self.z: list[Array] = []
         self.log_prob: list[Array] = []
@@ -171,12 +172,17 @@ class EnsembleRun:
             out = self._advanced(Rounds(self._executor, (density, moves, steps)), at, (self.plan.seed, 33, stage))
             return Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
 
+        def late() -> bool:
+            self._hurried = self._hurried or self.late
+            return self._hurried
+
         bar.set_description("walkers on their way")
-        for beta, led in annealed(
-            self.density, self._guess, max(need, POPULATION), (self.plan.seed, 35, 0), advance, lambda: self.late
+        for beta, self.at in annealed(
+            self.density, self._guess, max(need, POPULATION), (self.plan.seed, 35, 0), advance, late
         ):
             bar.set_postfix_str(f"{beta:.0%} there")
-        self._led, self.at = led.x, led.some(np.linspace(0, len(led.x) - 1, need).round().astype(int))
+        self._led = self.at.x
+        self.at = self.at.some(np.linspace(0, len(self._led) - 1, need).round().astype(int))
 
     def counted(self, blocks: list[Array]) -> Array:
         """(ensembles, steps, walkers, …) of the blocks that count."""
@@ -272,7 +278,7 @@ class EnsembleRun:
         else:
             self._started(bar)
             file = None
-            if plan.checkpoint is not None:
+            if plan.checkpoint is not None and not self._hurried:  # else it would be another run that goes on
                 file = Checkpoint.create(plan.checkpoint, stamp, plan.names, stages, self.state())
             self._learn()
         return file

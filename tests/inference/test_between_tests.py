@@ -7,8 +7,8 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.solving.between_tests import between_tests, stretched, without_each_test
 from bayes_iwan.inference.solving.point import laplace_scale, most_probable
-from bayes_iwan.inference.solving.widening import between_tests, widened, without_each_test
 
 SIMPLE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
 
@@ -64,7 +64,7 @@ def test_what_a_test_adds_is_the_whole_less_the_others(disagreeing):
 def test_a_single_test_cannot_disagree(agreeing):
     one = replace(agreeing, loops=agreeing.loops[:1], likelihood=agreeing.likelihood.of_tests([0]))
     z = np.zeros((5, one.ndim))
-    out, factor = widened(one, z, 1)
+    out, factor = stretched(one, z, 1)
     assert out is z and factor == 1.0
 
 
@@ -72,7 +72,7 @@ def test_tests_that_disagree_make_draws_wider(agreeing, disagreeing):
     found = []
     for problem in (agreeing, disagreeing):
         z = drawn(problem)
-        out, factor = widened(problem, z, 1)
+        out, factor = stretched(problem, z, 1)
         own = [problem.names.index(n) for n in ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")]
         found.append((factor, np.std(out[:, own], axis=0) / np.std(z[:, own], axis=0)))
     assert found[1][0] > 1.3 * found[0][0], "a specimen that changed between tests"
@@ -85,9 +85,9 @@ def test_loops_stay_near_the_measured_ones_and_the_same_seed_gives_the_same(disa
     problem = make_problem(loops, {"model": model}).with_force(disagreeing.measured_N)
     z = drawn(problem)
     z = z[np.isfinite(problem.log_prob(z))]
-    out, factor = widened(problem, z, 1)
-    again, _ = widened(problem, z, 1)
-    other, _ = widened(problem, z, 2)
+    out, factor = stretched(problem, z, 1)
+    again, _ = stretched(problem, z, 1)
+    other, _ = stretched(problem, z, 2)
     np.testing.assert_array_equal(out, again)
     assert factor > 1.2 and not np.array_equal(out, other)
     before, after = (np.sqrt(np.mean(problem.residual(x) ** 2, axis=(1, 2))) for x in (z, out))
@@ -101,7 +101,7 @@ def test_a_quick_posterior_is_as_wide_as_the_tests_disagree_unless_told_not_to_b
 
     wide, narrow = quick(True), quick(False)
     assert narrow.stretch == 1.0 and wide.stretch > 1.3
-    expected, factor = widened(disagreeing, narrow.z.reshape(-1, disagreeing.ndim), 1)
+    expected, factor = stretched(disagreeing, narrow.z.reshape(-1, disagreeing.ndim), 1)
     assert wide.stretch == factor
     np.testing.assert_array_equal(wide.z.reshape(expected.shape), expected)
     np.testing.assert_allclose(wide.log_prob.ravel(), disagreeing.log_prob(expected))

@@ -336,15 +336,16 @@ def test_each_search_has_a_population_and_a_maximum_of_its_own(run):
 
 
 def test_a_run_goes_on_from_its_checkpoint(small_loops, tmp_path):
-    """Stopped by the clock after the first block and resumed: the draws of an uninterrupted run, to the bit."""
+    """Stopped after the first block and resumed, or by the clock before it: the draws of an uninterrupted run."""
     problem = make_problem(small_loops, SMALL)
     whole = identify_problem(problem, 1, config=SMALL, progress=False)
-    short = SMALL | {"sampling": SMALL["sampling"] | {"budget_s": 1e-3}}
-    cut = identify_problem(problem, 1, config=short, out=tmp_path, progress=False)
-    assert not cut.converged and "time budget" in cut.message and whole.converged
-    again = identify_problem(problem, 1, config=SMALL, out=tmp_path, resume=True, progress=False)
-    np.testing.assert_array_equal(again.z, whole.z)
-    assert again.message == whole.message
+    for key, value, words in (("max_steps", 25, "stopped at 25 steps"), ("budget_s", 1e-3, "time budget")):
+        short, out = SMALL | {"sampling": SMALL["sampling"] | {key: value}}, tmp_path / key
+        cut = identify_problem(problem, 1, config=short, out=out, progress=False)
+        assert not cut.converged and words in cut.message and whole.converged
+        again = identify_problem(problem, 1, config=SMALL, out=out, resume=True, progress=False)
+        np.testing.assert_array_equal(again.z, whole.z)
+        assert again.message == whole.message
 
 
 def test_quick_draws_are_nearly_the_posteriors_and_say_nothing_of_convergence(run):
@@ -394,7 +395,7 @@ def test_thinned_draws_keep_the_last_step_and_enough_for_diagnostics(asked, ever
     chains = SimpleNamespace(
         draws=draws, log_prob=draws[..., 0], convergence=None, converged=True, message="", stop=None
     )
-    settings = SimpleNamespace(sampling=SimpleNamespace(draws=asked))
+    settings = SimpleNamespace(sampling=SimpleNamespace(draws=asked, between_tests=False))
     problem = SimpleNamespace(log_prob=lambda z: z[:, 0])
     found = _posterior(SimpleNamespace, problem, chains, settings, {}, False)
     steps = found.z.reshape(2, 24, -1, 3)

@@ -358,6 +358,14 @@ def test_a_run_that_is_resumed_draws_what_an_uninterrupted_one_does(tmp_path):
     assert "seed was" not in str(refused.value)
 
 
+def test_a_run_whose_time_is_up_before_its_walkers_have_arrived_starts_anew(tmp_path):
+    file = tmp_path / "chains.ckpt"
+    late = sample(budget_s=0.0, checkpoint=file)
+    assert late.stop is Stop.BUDGET and late.n_steps == 25 and not file.exists()
+    again = sample(max_steps=50, checkpoint=file, resume=True, **ENDLESS)
+    np.testing.assert_array_equal(again.draws, sample(max_steps=50, **ENDLESS).draws)
+
+
 def test_resumed_at_any_block_a_run_learns_its_moves_anew_as_it_would_have(tmp_path, monkeypatch):
     """Killed after each block, so before and after moves are learnt, and once while they are."""
     whole, file = sample(max_steps=125, n_walkers=4, **ENDLESS), tmp_path / "chains.ckpt"

@@ -27,7 +27,7 @@ _TOGETHER = 1024  # draws predicted at a time
 _LOOKED_AT = 2048  # draws that J is reckoned from at most
 
 
-def widened(problem: Problem, z: Array, seed: int) -> tuple[Array, float]:
+def stretched(problem: Problem, z: Array, seed: int) -> tuple[Array, float]:
     """Draws z (n, ndim) of a posterior, as wide as its tests disagree, and the largest factor; the same and 1 where
     they agree, and for a single test. A draw that cannot be moved stays. Noise parameters keep their place among the
     others."""
