@@ -177,9 +177,9 @@ class EnsembleRun:
             return self._hurried
 
         bar.set_description("walkers on their way")
-        for beta, self.at in annealed(
-            self.density, self._guess, max(need, POPULATION), (self.plan.seed, 35, 0), advance, late
-        ):
+        way = annealed(self.density, self._guess, max(need, POPULATION), (self.plan.seed, 35, 0), advance, late)
+        for beta, at in way:
+            self.at = at
             bar.set_postfix_str(f"{beta:.0%} there")
         self._led = self.at.x
         self.at = self.at.some(np.linspace(0, len(self._led) - 1, need).round().astype(int))
