@@ -115,9 +115,9 @@ def _deviating_tables(
 
 
 @_jit
-def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Array) -> None:
-    """Tables of π_1 times the density into first (draws, cells, 4), of π_2 and on into out (draws, terms, cells, 4), by
-    Simpson's rule.
+def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Array, order: int) -> None:
+    """Tables of π_1 times the density into first (draws, cells, 4), of π_2 and on into the first `order` of out (draws,
+    terms, cells, 4), by Simpson's rule; then so much of the first is taken off each of out that the mean stays.
 
     ∫ π_k over (p, 1) is (P_{k−1}(x) − P_{k+1}(x)) / (2 √(2k + 1)), x = 2p − 1, by Legendre's recurrence.
     """
@@ -133,7 +133,7 @@ def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Ar
         for i in range(places):
             x[i] = min(max(1.0 - 2.0 * x[i], -1.0), 1.0) + 0.0 * x[i]  # NaN stays NaN
             former[i], own[i] = 1.0, x[i]
-        for k in range(1, out.shape[1] + 2):
+        for k in range(1, order + 2):
             scale, one, two = 0.5 / math.sqrt(2.0 * k + 1.0), (2.0 * k + 1.0) / (k + 1.0), k / (k + 1.0)
             for i in range(places):
                 following = one * x[i] * own[i] - two * former[i]
@@ -148,6 +148,12 @@ def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Ar
                 into[j, 2] = 3.0 * rise - h * (2.0 * start + end)
                 into[j, 3] = h * (start + end) - 2.0 * rise
                 limited += rise
+        sum_of_first = first[d, cells - 1].sum()
+        for k in range(out.shape[1]):
+            share = out[d, k, cells - 1].sum() / sum_of_first
+            for j in range(cells):
+                for i in range(4):
+                    out[d, k, j, i] -= share * first[d, j, i]
 
 
 @cache
@@ -185,12 +191,10 @@ def linear_deviations(tables: Array, top: Array, order: int, octaves: int = 0) -
     draws, *cells = tables.shape
     out, first = np.empty((draws, 1 + order + octaves, *cells)), np.empty_like(tables)
     out[:, 0] = larger = tables
-    _basis_tables(tables, top, cell_width(tables.shape[1]), first, out[:, 1 : 1 + order])
     for k in range(1 + order, out.shape[1]):
         larger = _twice_as_large(larger)
         out[:, k] = larger - tables
-    mean = out[:, 1:, -1].sum(axis=-1) / first[:, None, -1].sum(axis=-1)
-    out[:, 1:] -= mean[:, :, None, None] * first[:, None]
+    _basis_tables(tables, top, cell_width(tables.shape[1]), first, out[:, 1:], order)
     return out
 
 

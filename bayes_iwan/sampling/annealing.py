@@ -49,7 +49,7 @@ def guess_about(optima: Array, roots: Array) -> Mixture:
     """q, from optima (k, ndim) and roots (k, ndim, m) of their covariances, in coordinates whose prior's standard
     deviations are 1."""
     precision = np.linalg.inv(roots @ roots.transpose(0, 2, 1)) / _WIDE**2 + np.eye(optima.shape[1])
-    return Mixture(np.full(len(optima), 1.0 / len(optima)), optima, np.linalg.cholesky(np.linalg.inv(precision)))
+    return Mixture.of(np.full(len(optima), 1.0 / len(optima)), optima, np.linalg.cholesky(np.linalg.inv(precision)))
 
 
 def annealed(
@@ -85,7 +85,7 @@ def _first(density: Density, guess: Mixture, count: int, random: np.random.Rando
             f"none of the {len(guess.centres)} starts has a finite log-probability: there is nowhere to start from; "
             "check the data, the bounds and the priors"
         )
-    guess = Mixture(
+    guess = Mixture.of(
         guess.weights[possible] / guess.weights[possible].sum(), guess.centres[possible], guess.roots[possible]
     )
     x, left = guess.draw(count, random), np.arange(count)

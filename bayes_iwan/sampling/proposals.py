@@ -94,11 +94,16 @@ def _two(of: int, n: int, random: np.random.RandomState) -> tuple[NDArray[np.int
 @dataclass(frozen=True)
 class Mixture:
     """Independent proposals from a mixture of t distributions: weights (k,), centres (k, ndim), lower triangular roots
-    (k, ndim, ndim) of their scales (Tierney, Ann. Stat. 22, 1994, 1701)."""
+    (k, ndim, ndim) of their scales and the inverse roots (Tierney, Ann. Stat. 22, 1994, 1701)."""
 
     weights: Array
     centres: Array
     roots: Array
+    inverse: Array
+
+    @classmethod
+    def of(cls, weights: Array, centres: Array, roots: Array) -> Mixture:
+        return cls(weights, centres, roots, np.asarray(np.linalg.inv(roots)))
 
     @classmethod
     def fitted(cls, x: Array, components: int, random: np.random.RandomState) -> Mixture:
@@ -111,14 +116,15 @@ class Mixture:
         weights, centres = np.full(components, 1.0 / components), unit[random.choice(n, components, replace=False)]
         scales = np.tile(np.eye(ndim), (components, 1, 1))
         for _ in range(_STEPS):
-            level = _log_terms(unit, weights, centres, np.asarray(np.linalg.cholesky(scales)), np.inf)
+            now = cls.of(weights, centres, np.asarray(np.linalg.cholesky(scales)))
+            level = now.log_terms(unit, np.inf)
             share = np.exp(level - logsumexp(level, axis=1, keepdims=True))
             count = share.sum(axis=0) + 1e-9
             weights, centres = count / count.sum(), share.T @ unit / count[:, None]
             for k in range(components):
                 apart = unit - centres[k]
                 scales[k] = (1.0 - _WHOLE) * (apart.T * share[:, k]) @ apart / count[k] + _WHOLE * np.eye(ndim)
-        return cls(weights, x.mean(axis=0) + centres @ root.T, root @ np.linalg.cholesky(scales))
+        return cls.of(weights, x.mean(axis=0) + centres @ root.T, root @ np.linalg.cholesky(scales))
 
     def draw(self, n: int, random: np.random.RandomState) -> Array:
         """(n, ndim)"""
@@ -128,19 +134,18 @@ class Mixture:
 
     def log_density(self, x: Array) -> Array:
         """(n,) at x (n, ndim)."""
-        return np.asarray(logsumexp(_log_terms(x, self.weights, self.centres, self.roots, _NU), axis=1))
+        return np.asarray(logsumexp(self.log_terms(x, _NU), axis=1))
 
-
-def _log_terms(x: Array, weights: Array, centres: Array, roots: Array, nu: float) -> Array:
-    """ln of each component's part (n, k) of the density at x (n, ndim); nu infinite: normal."""
-    ndim = x.shape[1]
-    apart = np.moveaxis(x[None] - centres[:, None], 1, 2)
-    square = np.sum(np.linalg.solve(roots, apart) ** 2, axis=1).T
-    scale = np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
-    if np.isinf(nu):
-        return np.asarray(np.log(weights) - scale - 0.5 * ndim * np.log(2.0 * np.pi) - 0.5 * square)
-    norm = gammaln(0.5 * (nu + ndim)) - gammaln(0.5 * nu) - 0.5 * ndim * np.log(nu * np.pi)
-    return np.asarray(np.log(weights) - scale + norm - 0.5 * (nu + ndim) * np.log1p(square / nu))
+    def log_terms(self, x: Array, nu: float) -> Array:
+        """ln of each component's part (n, k) of the density at x (n, ndim); nu infinite: normal."""
+        ndim = x.shape[1]
+        unit = (x[None] - self.centres[:, None]) @ self.inverse.transpose(0, 2, 1)
+        square = np.einsum("knd,knd->nk", unit, unit)
+        level = np.log(self.weights) + np.sum(np.log(np.diagonal(self.inverse, axis1=1, axis2=2)), axis=1)
+        if np.isinf(nu):
+            return np.asarray(level - 0.5 * ndim * np.log(2.0 * np.pi) - 0.5 * square)
+        norm = gammaln(0.5 * (nu + ndim)) - gammaln(0.5 * nu) - 0.5 * ndim * np.log(nu * np.pi)
+        return np.asarray(level + norm - 0.5 * (nu + ndim) * np.log1p(square / nu))
 
 
 @dataclass(frozen=True)
