@@ -75,12 +75,16 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
         names = ", ".join(repr(c.name) for c in candidates.pop("acceleration"))
         notes.append(f"the displacement is used, not the acceleration {names}: --acceleration NAME takes that")
     questions = []
+
+    def which(role: str, text: str) -> Question:
+        return Question(f"--{role}", "", "NAME", text, lambda name: _ask(recording, role, name))
+
     for role, some in candidates.items():
         if len(some) == 1:
             found[role] = some[0]
         elif some:
-            which = f"Which channel is the {role}: {_list(recording, some)}?"
-            questions += [Question(f"--{role}", "", "NAME", which), *unit_asked(some, role, recipe)]
+            among = _list(recording, some)
+            questions += [which(role, f"Which channel is the {role}: {among}?"), *unit_asked(some, role, recipe)]
     for role in ("force", "displacement"):
         missing = role not in found and not candidates.get(role)
         if role == "displacement":
@@ -89,7 +93,7 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
             what = "displacement or acceleration" if role == "displacement" else role
             free = [c for c in left if role_of(c.unit) is None and not named(c.name, "time")]
             among = _list(recording, left, numbers=not any(c.unit for c in free))
-            questions.append(Question(f"--{role}", "", "NAME", f"No channel is known as {what} among {among}."))
+            questions.append(which(role, f"No channel is known as {what} among {among}."))
             questions += unit_asked(free, role, recipe)
     times: list[Channel | None] = [None, None]
     motion = found.get("displacement", found.get("acceleration"))
@@ -102,7 +106,7 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
         for k, one in enumerate(both):
             here = _times(recording, one, used) if one else []
             if len(here) > 1:
-                questions.append(Question("--time", "", "NAME", _WHICH.format(_list(recording, here))))
+                questions.append(which("time", _WHICH.format(_list(recording, here))))
             times[k] = here[0] if here else None
     if questions or motion is None or both[1] is None:
         return questions + [q for role, channel in found.items() for q in unit_asked([channel], role, recipe)]
@@ -229,6 +233,7 @@ def _plain(name: str) -> str:
 
 
 def _ask(recording: Recording, role: str, name: str) -> Channel:
+    """The channel that a name or number means. Raises CampaignError."""
     same = matching(recording, name)
     if len(same) == 1:
         return same[0]

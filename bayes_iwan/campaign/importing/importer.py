@@ -225,7 +225,7 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
                 return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
             if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
-                return [Question("--sample-rate", "", "1 or none", _ROWS.format(time.name))]
+                return [Question("--sample-rate", "", "none", _ROWS.format(time.name))]
             if moments_unit(time.values) and not time.unit:
                 continue
             if not recipe.units.get("time", time.unit):
