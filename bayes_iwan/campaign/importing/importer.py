@@ -285,7 +285,6 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     units = Units("mrad" if in_units[0] in ("mrad", "rad/s²") else "mm", in_units[1])
     file = _file_name(recording)
     check_time(file, time_s, rate, NO_FREQUENCY_HZ)  # check_record counts the samples a cycle
-    warnings += step_warnings(time_s) if recipe.clock else ()
     column = MOTION_COLUMNS[units.displacement] if split or found.role == "displacement" else ""
     acceleration = motion_values
     if found.role == "acceleration":
@@ -312,6 +311,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     for piece in pieces:
         try:
             named = _named(piece)  # what is written is as it was recorded: drifts are taken off when it is read
+            steps = step_warnings(named.time_s) if recipe.clock else ()
+            named = replace(named, warnings=(*named.warnings, *steps))
             checked, loop = check_record(named)
         except CampaignError as error:
             if len(pieces) == 1:
