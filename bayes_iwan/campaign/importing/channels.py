@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -136,7 +137,15 @@ def unit_asked(some: Sequence[Channel], role: str, recipe: Recipe) -> list[Quest
         else:
             return []
     name = f"{some[0].name!r} ({role})" if len(some) == 1 else f"The {role}"
-    return [Question(option, role, x, f"{name} {what}") for (option, x), what in asked.items() if len(asked) == 1]
+
+    def check(option: str, answer: str) -> None:
+        converted(np.ones(1), *((answer, "") if option == "--unit" else ("", answer)), role, option)
+
+    return [
+        Question(option, role, x, f"{name} {what}", partial(check, option))
+        for (option, x), what in asked.items()
+        if len(asked) == 1
+    ]
 
 
 def is_time(channel: Channel) -> bool:

@@ -25,7 +25,7 @@ from bayes_iwan.campaign.importing.defects import (
 from bayes_iwan.campaign.importing.joining import joined
 from bayes_iwan.campaign.importing.names import named
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
-from bayes_iwan.campaign.importing.read import expanded, read_file
+from bayes_iwan.campaign.importing.read import read_files
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.scaling import moments_unit, scaled, times_of
@@ -84,9 +84,8 @@ def import_tests(
     how to fix it, for everything that `read_campaign` would refuse.
     """
     recipe = recipe or Recipe()
-    paths = expanded(files)
-    recordings = joined([x for path in paths for x in read_file(path, recipe.layout)], recipe, join)
-    recordings = _named_parts(recordings, recipe)
+    found, passed_over = read_files(files, recipe.layout)
+    recordings = _named_parts(joined(found, recipe, join), recipe)
     tests: list[ImportedTest] = []
     asked: list[ImportAsks] = []
     for recording in recordings:
@@ -98,6 +97,7 @@ def import_tests(
         raise ImportAsks(asked[0].where, [q for x in asked for q in x.questions])
     if not tests:
         raise CampaignError("import: no files")
+    tests[-1] = replace(tests[-1], said=(*tests[-1].said, *passed_over))
     first = tests[0]
     for test in tests:
         if list(test.columns) != list(first.columns):

@@ -28,11 +28,9 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from bayes_iwan.campaign.importing.formats.text_layout import Layout
 from bayes_iwan.campaign.importing.recordings import RATES_HZ
-from bayes_iwan.campaign.importing.unit_texts import ROLES, converted, is_ratio, is_volts
+from bayes_iwan.campaign.importing.unit_texts import ROLES
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.stated import only, read_toml
 
@@ -68,9 +66,6 @@ class Recipe:
         for role, gain in self.gains.items():
             if not isinstance(gain, int | float) or isinstance(gain, bool) or not abs(gain) > 0:  # type: ignore[redundant-expr]
                 raise CampaignError(f"import: the gain of {role} must be a number other than 0, not {shown(gain)}")
-        for role, unit in self.units.items():
-            if not (is_volts(unit) or is_ratio(unit)):
-                converted(np.ones(1), unit, self.sensitivities.get(role, ""), role, "import")
         rate = self.sample_rate_hz
         if rate not in (None, NO_CLOCK) and (
             not isinstance(rate, int | float) or isinstance(rate, bool) or not RATES_HZ[0] < rate < RATES_HZ[1]
