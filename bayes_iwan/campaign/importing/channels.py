@@ -105,7 +105,7 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
     elif "time" not in recipe.channels and recipe.clock:
         used = [c for c in found.values()]
         for k, one in enumerate(both):
-            here = _times(recording, one, used) if one else []
+            here = _times(recording, one, used, recipe) if one else []
             if len(here) > 1:
                 questions.append(which("time", _WHICH.format(_list(recording, here))))
             times[k] = here[0] if here else None
@@ -153,13 +153,18 @@ def is_time(channel: Channel) -> bool:
     return role_of(channel.unit) == "time" or (not channel.unit and named(channel.name, "time"))
 
 
-def _times(recording: Recording, channel: Channel, used: list[Channel]) -> list[Channel]:
-    """The time channels that may be a channel's own: of its group, before it; several only where they differ."""
-    some = [
+def _times(recording: Recording, channel: Channel, used: list[Channel], recipe: Recipe) -> list[Channel]:
+    """The time channels that may be a channel's own: of its group, before it; several only where they differ. Raises
+    CampaignError where all of them run backwards or are in no order."""
+    clocks = [
         c
         for c in recording.channels
-        if not any(c is x for x in used) and c.values.size == channel.values.size and is_time(c) and _rises(c.values)
+        if not any(c is x for x in used) and c.values.size == channel.values.size and is_time(c)
     ]
+    some = [c for c in clocks if _rises(c.values)]
+    known = recipe.sample_rate_hz or channel.rate_hz
+    if clocks and not some and not known and (role_of(clocks[0].unit) or not recording.rate_hz):
+        raise CampaignError(f"{recording.where}: {_disorder(clocks[0])}")
     some = [c for c in some if c.group == channel.group] or [c for c in some if not c.group] or some
     some = [c for c in some if not (np.diff(c.values) < 0).any()] or some  # not one that starts anew at each cycle
     if len(some) < 2:
@@ -193,6 +198,22 @@ def _as_units_say(size: float, first: Channel, other: Channel) -> bool:
         for c in (first, other)
     )
     return any(abs(size * b / a - 1.0) < SAME_RATE for a in one for b in another)
+
+
+def _disorder(clock: Channel) -> str:
+    """What is wrong with times that do not go up, and how to put it right."""
+    values = clock.values[np.isfinite(clock.values)]
+    steps = np.diff(values)
+    if not steps.any():
+        return f"the time {clock.name!r} does not move. Leave it out: --time none --sample-rate HZ"
+    k = int(np.argmax(steps < 0))
+    backwards = np.mean(steps <= 0) >= RISING
+    return (
+        f"the time {clock.name!r} {'runs backwards' if backwards else 'is in no order'}: {values[k]:.12g}, then "
+        f"{values[k + 1]:.12g} at sample {k + 2}. "
+        + ("If the rows were written last first, turn their order round" if backwards else "Export the recording again")
+        + "; if only this column is wrong, leave it out: --time none --sample-rate HZ"
+    )
 
 
 def _rises(values: np.ndarray) -> bool:
