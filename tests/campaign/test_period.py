@@ -173,6 +173,13 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path, capsys, monkeypatch):
     assert cli.main(["import", file, "--dry-run"]) == 2, "what was answered once is no answer for the next command"
 
 
+def test_a_sawtooth_is_no_integer_that_overflowed(tmp_path):
+    r = recorded(lambda p: sawtooth(TAU * p), 9.3)
+    file = columns(tmp_path / "a.csv", t_s=r.time_s, x_mm=r.displacement_mm, F_N=r.force_N)
+    with pytest.raises(ValueError, match=r"^a.csv: 'x' jumps \d+ times .*a sawtooth, which no drive follows"):
+        import_tests([file])
+
+
 def test_a_channel_a_file_and_held_out_tests(tmp_path, capsys):
     r, s = (recorded(WAVES["third 0.6"], n) for n in (9.3, 8.3))
     for name, x in (("a", r), ("b", s)):
