@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.campaign.loops.averaging import fitted_loops
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
@@ -126,7 +127,7 @@ def diagnose_loops(
     settings, listener = settings or DiagnoseSettings(), listener or ProgressListener()
     if not campaign.clock and simulator is None:
         settings = replace(settings, model=settings.model.without_speed)
-    fitted = [x for x in loops if x.role != "held-out"]
+    fitted = list(fitted_loops(loops))
     held_out = [x for x in loops if x.role == "held-out"]
     if not fitted:
         raise InputError('no test is left to fit: every test has role = "held-out"')

@@ -263,6 +263,14 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
     )
 
 
+def fitted_loops(loops: Iterable[Loop]) -> tuple[Loop, ...]:
+    """Those that are not held out. Raises CampaignError for anything but averaged loops."""
+    some = tuple(loops) if isinstance(loops, Iterable) else (loops,)
+    if wrong := [type(x).__name__ for x in some if not isinstance(x, Loop)]:
+        raise CampaignError(f"averaged loops are needed, as check(folder).loops holds them, not {wrong[0]}")
+    return tuple(x for x in some if x.role != "held-out")
+
+
 def in_band(loop: Loop) -> Loop:
     """The loop with the force's harmonics above TRUSTED_BAND of the sampling rate no data: their noise is infinite."""
     order = np.arange(len(loop.noise_N))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.campaign import Loop
+from bayes_iwan.campaign.loops.averaging import fitted_loops
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.errors import InputError
@@ -279,7 +280,7 @@ def make_problem(
     (3, 2, 128)
     """
     settings = settings_of(config)
-    fitted = tuple(x for x in loops if x.role != "held-out")
+    fitted = fitted_loops(loops)
     if not fitted:
         raise InputError('no test is left to fit: every test has role = "held-out"')
     scales = scales_of(fitted) if scales is None else scales

@@ -41,6 +41,7 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
         if i in hatched:
             bar.set(hatch="///", edgecolor="white", linewidth=0.0)
         text = f"{100 * width:.0f} %" + (f"  ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})" if interval else "")
+        text += ", longer than shown" if width > 1.15 else ""
         end = min(max(left + width, left), 1.15)
         if width >= 0.4 and i not in hatched:  # space inside the bar
             at, side, shift, colour = left, "left", 3, "black" if colour == ORANGE else "white"
