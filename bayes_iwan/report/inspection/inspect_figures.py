@@ -34,7 +34,7 @@ def loops(tests: Sequence[Inspection], units: Units, linear: bool = True) -> Fig
         mean = float(test.loop.harmonics_N[0].real)
         zero = 0.0 if linear else mean
         for u, force in measured_cycles(test.loop, CYCLES):
-            ax.plot(u, force - zero - slope * u, color="#A8A8A8", linewidth=0.5, rasterized=True)
+            ax.plot(u, force - zero - slope * u, color="#999999", linewidth=0.5, rasterized=True)
         u, force = test.loop.displacement_mm, test.loop.force_N - zero - slope * test.loop.displacement_mm
         ax.plot(_closed(u), _closed(force), color="black", linewidth=1.3)
         ax.set_title(units.text(test_name(test.loop)))
