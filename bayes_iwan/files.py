@@ -175,7 +175,7 @@ def results_folder(
             )
     clash = (x for x in FINISHED if "batch" in (x, command) and x != command and (folder / FINISHED[x]).exists())
     if not overwrite and (other := next(clash, None)):
-        raise OutputError(f"{folder}: holds the results of {other}, which has its own files of these names; name another")
+        raise OutputError(f"{folder}: holds the results of {other}, beside which no others stand; name another")
     before = _written_at(finished)
     with owned(folder):
         try:

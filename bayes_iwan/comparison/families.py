@@ -259,7 +259,8 @@ def compare_families(
     for name in names:
         if name not in known:
             said = former_names.renamed(name, former_names.FAMILIES)
-            raise CompareError(f"{name} {said}" if said else f"no family {name!r}; there are {', '.join(known)}{nearest(name, known)}")
+            there = f"there are {', '.join(known)}{nearest(name, known)}"
+            raise CompareError(f"{name} {said}" if said else f"no family {name!r}; {there}")
     if len(set(names)) < 2:
         raise CompareError("a comparison needs at least two families")
     if by not in ("auto", "loo", "tests"):

@@ -170,7 +170,7 @@ def styled(make: F) -> F:
 
     whole = inspect.signature(make)
     added = [p for p in inspect.signature(inner, follow_wrapped=False).parameters.values() if p.kind is p.KEYWORD_ONLY]
-    setattr(inner, "__signature__", whole.replace(parameters=[*whole.parameters.values(), *added]))  # what help shows
+    inner.__signature__ = whole.replace(parameters=[*whole.parameters.values(), *added])  # type: ignore[attr-defined]
     return inner  # type: ignore[return-value]
 
 

@@ -44,12 +44,13 @@ def test_a_staircase_of_many_levels_is_one(steps, cycles):
 
 @pytest.mark.parametrize("frequency", [lambda a: 1.0, lambda a: 1.0 / a], ids=["one frequency", "one speed"])
 def test_two_cycles_a_level_are_a_test_a_level_without_a_word_of_gaps(tmp_path, frequency):
-    """Each rising by the same number of rows, as a slow test's: the band that crossings are fitted in holds two levels."""
+    """As many rows a cycle at each: the band that crossings are fitted in holds two levels."""
     sizes, rows = (0.25, 0.5, 1.0, 1.5, 2.0), 100
     u = np.concatenate([a * np.sin(2 * np.pi * np.arange(2 * rows) / rows) for a in sizes])
     step = np.repeat([1.0 / (rows * frequency(a)) for a in sizes], 2 * rows)
     u += 2e-4 * np.random.default_rng(1).standard_normal(u.size)
-    assert assess_drive(time := np.cumsum(step), u).kind == "levels"
+    time = np.cumsum(step)
+    assert assess_drive(time, u).kind == "levels"
     table = "".join(f"{t:.5f},{x:.5f},{20 * np.tanh(3 * x) + 4 * x:.4f}\n" for t, x in zip(time, u))
     (tmp_path / "a.csv").write_text("Time [s],Displacement [mm],Force [N]\n" + table)
     tests = import_tests([tmp_path / "a.csv"], split=True)

@@ -404,7 +404,7 @@ def test_recordings_of_a_folder_are_read_and_notes_beside_them_are_passed_over(t
         with pytest.raises(CampaignError, match=name):  # which was named itself
             import_tests([tmp_path / "a.csv", tmp_path / name])
     (tmp_path / "damaged.csv").write_text(table(["time_s,disp_mm,force_N"], T, X, F) + "1,2,3,4\n")
-    with pytest.raises(CampaignError, match="damaged.csv line"):
+    with pytest.raises(CampaignError, match=r"damaged\.csv line"):
         import_tests([tmp_path])
 
 

@@ -61,10 +61,10 @@ def pages(page, specimens, made_up_campaign, tmp_path_factory):
     out = tmp_path_factory.mktemp("pages")
     shutil.copy(page / "report.html", out)
     inspect_to(made_up_campaign, out)
-    write_batch_page(specimens, out, of_folder(out, 1))
     campaign = bi.demo(out / "demo")
     bi.diagnose(campaign.path, out, quick=True, seed=1, config=CLASSICAL)
     bi.compare(campaign, out, families=["uniform", "gamma1"], config=SHORT, by="tests", seed=1, progress=False)
+    write_batch_page(specimens, out, of_folder(out, 1))
     return out
 
 

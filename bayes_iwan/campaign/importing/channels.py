@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -137,15 +136,12 @@ def unit_asked(some: Sequence[Channel], role: str, recipe: Recipe) -> list[Quest
         else:
             return []
     name = f"{some[0].name!r} ({role})" if len(some) == 1 else f"The {role}"
-
-    def check(option: str, answer: str) -> None:
-        converted(np.ones(1), *((answer, "") if option == "--unit" else ("", answer)), role, option)
-
-    return [
-        Question(option, role, x, f"{name} {what}", partial(check, option))
-        for (option, x), what in asked.items()
-        if len(asked) == 1
-    ]
+    checks: dict[str, Callable[[str], object]] = {
+        "--unit": lambda unit: converted(np.ones(1), unit, "", role, "--unit"),
+        "--sensitivity": lambda of: converted(np.ones(1), "", of, role, "--sensitivity"),
+    }
+    found = [Question(option, role, x, f"{name} {what}", checks[option]) for (option, x), what in asked.items()]
+    return found if len(found) == 1 else []
 
 
 def is_time(channel: Channel) -> bool:
@@ -204,15 +200,14 @@ def _disorder(clock: Channel) -> str:
     """What is wrong with times that do not go up, and how to put it right."""
     values = clock.values[np.isfinite(clock.values)]
     steps = np.diff(values)
+    k, what, fix = int(np.argmax(steps < 0)), "is in no order", "Export the recording again"
     if not steps.any():
-        return f"the time {clock.name!r} does not move. Leave it out: --time none --sample-rate HZ"
-    k = int(np.argmax(steps < 0))
-    backwards = np.mean(steps <= 0) >= RISING
+        what = "does not move"
+    elif np.mean(steps <= 0) >= RISING:
+        what, fix = "runs backwards", "If the rows were written last first, turn their order round"
     return (
-        f"the time {clock.name!r} {'runs backwards' if backwards else 'is in no order'}: {values[k]:.12g}, then "
-        f"{values[k + 1]:.12g} at sample {k + 2}. "
-        + ("If the rows were written last first, turn their order round" if backwards else "Export the recording again")
-        + "; if only this column is wrong, leave it out: --time none --sample-rate HZ"
+        f"the time {clock.name!r} {what}: {values[k]:.12g}, then {values[k + 1]:.12g} at sample {k + 2}. {fix}; if "
+        "only this column is wrong, leave it out: --time none --sample-rate HZ"
     )
 
 

@@ -32,5 +32,6 @@ class ImportAsks(CampaignError):
         unique = {(q.option, q.role): q for q in reversed(questions)}
         self.where, self.questions = where, tuple(reversed(unique.values()))
         self.facts = f"{where}: {' '.join(q.text for q in self.questions)}"
-        options = " ".join('{} "{}"'.format(*x) if x[1:] else x[0] for x in (q.words(q.placeholder) for q in self.questions))
+        words = (q.words(q.placeholder) for q in self.questions)
+        options = " ".join('{} "{}"'.format(*x) if x[1:] else x[0] for x in words)
         super().__init__(f"{self.facts} Say it with {options}")

@@ -75,7 +75,14 @@ def read_files(files: Sequence[str | os.PathLike[str]], layout: Layout) -> tuple
     them. Raises CampaignError, also for a file without signals that is named itself."""
     out: list[Recording] = []
     passed: list[str] = []
-    for path in expanded(files):
+    paths: dict[Path, None] = {}  # each once
+    for name in (str(os.fspath(x)) for x in files):
+        if (Path(name) / "campaign.toml").exists():
+            raise CampaignError(f'{name}: is a campaign already; run: bayes-iwan check "{name}"')
+        if not (some := recordings_in(name)):
+            raise CampaignError(f"{name}: no files there")
+        paths |= dict.fromkeys(some)
+    for path in paths:
         try:
             out += read_file(path, layout)
         except NoSignals as error:
@@ -85,19 +92,6 @@ def read_files(files: Sequence[str | os.PathLike[str]], layout: Layout) -> tuple
     if passed and not out:
         raise CampaignError(passed[0])
     return out, tuple(passed)
-
-
-def expanded(files: Sequence[str | os.PathLike[str]]) -> list[Path]:
-    """Files, the files of folders, and those that patterns match, each once. Raises CampaignError for none."""
-    out: list[Path] = []
-    for name in (str(os.fspath(x)) for x in files):
-        if (Path(name) / "campaign.toml").exists():
-            raise CampaignError(f'{name}: is a campaign already; run: bayes-iwan check "{name}"')
-        some = recordings_in(name)
-        if not some:
-            raise CampaignError(f"{name}: no files there")
-        out += [p for p in some if p not in out]
-    return out
 
 
 def recordings_in(name: str) -> list[Path]:

@@ -264,11 +264,13 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
 
 
 def fitted_loops(loops: Iterable[Loop]) -> tuple[Loop, ...]:
-    """Those that are not held out. Raises CampaignError for anything but averaged loops."""
+    """Those that are not held out. Raises CampaignError where none is left, and for anything but averaged loops."""
     some = tuple(loops) if isinstance(loops, Iterable) else (loops,)
     if wrong := [type(x).__name__ for x in some if not isinstance(x, Loop)]:
         raise CampaignError(f"averaged loops are needed, as check(folder).loops holds them, not {wrong[0]}")
-    return tuple(x for x in some if x.role != "held-out")
+    if not (fitted := tuple(x for x in some if x.role != "held-out")):
+        raise CampaignError('no test is left to fit: every test has role = "held-out"')
+    return fitted
 
 
 def in_band(loop: Loop) -> Loop:

@@ -15,7 +15,6 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.loops.averaging import fitted_loops
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.errors import InputError
 from bayes_iwan.inference.setup.config import Config, settings_of
 from bayes_iwan.inference.setup.likelihood import Likelihood, make_likelihood
 from bayes_iwan.inference.setup.loop_error import goal_function, harmonics_of
@@ -281,8 +280,6 @@ def make_problem(
     """
     settings = settings_of(config)
     fitted = fitted_loops(loops)
-    if not fitted:
-        raise InputError('no test is left to fit: every test has role = "held-out"')
     scales = scales_of(fitted) if scales is None else scales
     parts = settings.model if fitted[0].record.clock else settings.model.without_speed
     model = iwan_model(scales, parts) if simulator is None else simulator

@@ -1,5 +1,5 @@
 """Rows whose cells carry more than numbers: "t:0.1,force:3.2" and "12:00:01.003 -> 0.1,3.2" of serial monitors, JSON
-lines, and "0.1 s; 3.2 N"; and rows that are one quoted cell. They are turned into rows of numbers below a row of names or
+lines, "0.1 s; 3.2 N", and rows that are one quoted cell. They are turned into rows of numbers below one of names or
 units."""
 
 import re
@@ -23,8 +23,8 @@ _WITH_UNIT = re.compile(rf"\s*({_NUMBER})\s*([^\W\d_][^\s,;]*|°|%)\s*")
 def plain_rows(text: str) -> str:
     """A text with its labels and units moved from the rows of numbers to a row above these."""
     sample = [line for line in text[-65536:].split("\n")[1 if len(text) > 65536 else 0 :] if line.strip()][-LOOKED_AT:]
-    cells = [m[2] for x in sample if (m := _ONE_CELL.fullmatch(x))]
-    if sum(not any(one.fullmatch(x) for one in (*MARKS.values(), *THOUSANDS.values())) for x in cells) > len(sample) / 2:
+    cells, one_number = [m[2] for x in sample if (m := _ONE_CELL.fullmatch(x))], (*MARKS.values(), *THOUSANDS.values())
+    if sum(not any(number.fullmatch(x) for number in one_number) for x in cells) > len(sample) / 2:
         return plain_rows(_ONE_CELL.sub(lambda m: m[2].replace(m[1] * 2, m[1]), text))
     for rows, dropped in _AROUND:
         if len(sample) > 8 and sum(bool(rows.match(x)) for x in sample) >= ALIKE * len(sample):

@@ -25,7 +25,7 @@ from bayes_iwan.campaign.importing.recordings import (
     channel,
     from_first,
     library,
-)
+)  # fmt: skip
 from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
