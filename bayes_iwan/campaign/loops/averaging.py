@@ -263,7 +263,7 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
     )
 
 
-def fitted_loops(loops: Iterable[Loop]) -> tuple[Loop, ...]:
+def fitted_loops(loops: object) -> tuple[Loop, ...]:
     """Those that are not held out. Raises CampaignError where none is left, and for anything but averaged loops."""
     some = tuple(loops) if isinstance(loops, Iterable) else (loops,)
     if wrong := [type(x).__name__ for x in some if not isinstance(x, Loop)]:
