@@ -173,6 +173,9 @@ def results_folder(
                 f"{folder}: holds finished results of {of}; name another folder, or write over them with --overwrite "
                 "(in Python overwrite=True)"
             )
+    clash = (x for x in FINISHED if "batch" in (x, command) and x != command and (folder / FINISHED[x]).exists())
+    if not overwrite and (other := next(clash, None)):
+        raise OutputError(f"{folder}: holds the results of {other}, beside which no others stand; name another")
     before = _written_at(finished)
     with owned(folder):
         try:
@@ -184,15 +187,16 @@ def results_folder(
 
 
 def identity(source: str | os.PathLike[str]) -> str | None:
-    """A digest of a campaign's files, the same wherever it is moved; None for a folder without campaign.toml."""
+    """A digest of a campaign's files, or of those of a folder's campaigns, the same wherever it is moved; None for a
+    folder of neither."""
     folder = Path(source)
     folder = folder.parent if folder.name == "campaign.toml" else folder
-    if not (folder / "campaign.toml").is_file():
-        return None
+    places = [folder] if (folder / "campaign.toml").is_file() else [p.parent for p in folder.glob("*/campaign.toml")]
     digest = hashlib.sha256()
-    for path in sorted(p for p in folder.iterdir() if p.is_file() and p.name.endswith((".toml", ".csv", ".csv.gz"))):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
+    for path in sorted(p for place in places for p in place.iterdir() if p.is_file()):
+        if path.name.endswith((".toml", ".csv", ".csv.gz")):
+            digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest() if places else None
 
 
 def _written_at(path: Path) -> int | None:

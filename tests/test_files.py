@@ -137,11 +137,14 @@ def test_results_are_known_by_their_campaign_wherever_it_lies(tmp_path, made_up_
         write(other)
 
 
-def test_a_folder_of_specimens_is_known_by_its_place(tmp_path):
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-    for name in ("a", "a"):
+def test_a_folder_of_specimens_is_known_wherever_it_lies_and_takes_no_other_results(tmp_path, made_up_campaign):
+    for name in ("a", "moved", "b"):
+        shutil.copytree(made_up_campaign, tmp_path / name / "s1")
+    toml = tmp_path / "b" / "s1" / "campaign.toml"
+    toml.write_text(toml.read_text().replace("made up", "another"))
+    for name in ("a", "a", "moved"):
         with results_folder(tmp_path / "out", "batch", tmp_path / name) as folder:
             (folder / FINISHED["batch"]).write_text(name)
-    with pytest.raises(OutputError), results_folder(tmp_path / "out", "batch", tmp_path / "b"):
-        pass
+    for command, name, words in (("batch", "b", "finished results of"), ("identify", "a/s1", "the results of batch")):
+        with pytest.raises(OutputError, match=words), results_folder(tmp_path / "out", command, tmp_path / name):
+            pass

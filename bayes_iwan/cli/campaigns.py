@@ -10,7 +10,7 @@ from bayes_iwan.cli.command import CAMPAIGN, argument, command, quoted, say, sev
 from bayes_iwan.terminal import plain
 
 if TYPE_CHECKING:
-    from bayes_iwan.campaign.importing import ImportAsks, Recipe
+    from bayes_iwan.campaign.importing import ImportAsks, Question, Recipe
 
 
 @command(
@@ -125,17 +125,23 @@ def _complete(args: argparse.Namespace, asks: ImportAsks) -> str:
     """The command as it was given with what is missing put in."""
     words = list(args.words)
     for question in asks.questions:
-        option, value = question.words
-        for k in range(len(words) - 1, 0, -1):  # an answer that is asked for again takes the place of the old one
-            if words[k - 1] == option and (not question.role or words[k].startswith(f"{question.role}=")):
-                del words[k - 1 : k + 1]
-        words += [option, value] if value else [option]
+        words = _with(words, question, question.placeholder)
     return quoted(["bayes-iwan", *words]).replace(" NAME", ' "NAME"')
+
+
+def _with(words: list[str], question: Question, answer: str) -> list[str]:
+    """A command with the answer to a question, in the place of an old one."""
+    words = list(words)
+    for k in range(len(words) - 1, 0, -1):
+        if words[k - 1] == question.option and (not question.role or words[k].startswith(f"{question.role}=")):
+            del words[k - 1 : k + 1]
+    return [*words, *question.words(answer)]
 
 
 def _answer(args: argparse.Namespace, asks: ImportAsks) -> None:
     """Ask for what is missing, one line each, and put the answers among the arguments."""
     from bayes_iwan.campaign import CampaignError
+    from bayes_iwan.campaign.importing import ImportAsks
 
     say(asks.where)
     questions = list(asks.questions)
@@ -149,18 +155,22 @@ def _answer(args: argparse.Namespace, asks: ImportAsks) -> None:
             answer = ""
         if not answer or (not question.placeholder and answer.lower()[:1] not in "yjos"):
             raise CampaignError(f"{asks.facts} Run: {_complete(args, asks)}")
-        if not question.placeholder:
-            setattr(args, name, True)
-        elif question.role:
+        before = getattr(args, name)
+        if question.role:
             # a new list: argparse hands out its default itself, and the next command of this process would inherit it
-            setattr(args, name, [*getattr(args, name), f"{question.role}={answer}"])
+            setattr(args, name, [*before, f"{question.role}={answer}"])
         else:
-            setattr(args, name, answer)
+            setattr(args, name, answer if question.placeholder else True)
         try:
+            question.check(answer)
             _recipe(args)
-            del questions[0]
         except CampaignError as error:  # asked again: the answers before it stand
             say(str(error))
+            setattr(args, name, before)
+            continue
+        args.words = _with(args.words, question, answer)
+        asks = ImportAsks(asks.where, questions := questions[1:])
+    say(f"  This asks no more: {quoted(['bayes-iwan', *args.words])}")
 
 
 @command(

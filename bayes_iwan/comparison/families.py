@@ -11,7 +11,7 @@ import numpy as np
 from bayes_iwan import executors, former_names
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import Config, settings_of
@@ -259,7 +259,8 @@ def compare_families(
     for name in names:
         if name not in known:
             said = former_names.renamed(name, former_names.FAMILIES)
-            raise CompareError(f"{name} {said}" if said else f"no family {name!r}; there are {', '.join(known)}")
+            there = f"there are {', '.join(known)}{nearest(name, known)}"
+            raise CompareError(f"{name} {said}" if said else f"no family {name!r}; {there}")
     if len(set(names)) < 2:
         raise CompareError("a comparison needs at least two families")
     if by not in ("auto", "loo", "tests"):

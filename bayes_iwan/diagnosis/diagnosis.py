@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.campaign.loops.averaging import fitted_loops
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
@@ -45,7 +46,6 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import load_effects
 from bayes_iwan.effects.conditions import conditions_of
 from bayes_iwan.effects.paper_stages import missing_terms
-from bayes_iwan.errors import InputError
 from bayes_iwan.executors import Workers, opened
 from bayes_iwan.former_names import refuse_former_options
 from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
@@ -126,10 +126,8 @@ def diagnose_loops(
     settings, listener = settings or DiagnoseSettings(), listener or ProgressListener()
     if not campaign.clock and simulator is None:
         settings = replace(settings, model=settings.model.without_speed)
-    fitted = [x for x in loops if x.role != "held-out"]
+    fitted = list(fitted_loops(loops))
     held_out = [x for x in loops if x.role == "held-out"]
-    if not fitted:
-        raise InputError('no test is left to fit: every test has role = "held-out"')
     # with more threads sums are rounded otherwise, and a search ends elsewhere
     with opened(workers, along=True, needs=NEEDS) as executor, linear_algebra().limit(limits=1):
         data = gap_data(fitted)

@@ -3,7 +3,7 @@
 Every function returns a matplotlib figure that shows itself in a notebook, and takes
 
 style : a style of matplotlib (a name, a dict of rcParams), on top of this package's own and of what rcParams you set;
-width : "column" (3.5 in, one column of a journal), "page" (7.2 in, two columns) or inches;
+width : "column" or 1 (3.5 in, one column of a journal), "page" or 2 (7.2 in, two columns), or more inches than these;
 ax : axes of yours to draw into, an array of them for several panels.
 
 `bi.plot.save(figure, "loops.svg")` writes SVG, PDF or PNG by the ending, letters as letters.

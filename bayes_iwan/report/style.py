@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import io
 import os
 import textwrap
@@ -73,8 +74,8 @@ RC: Any = {
 #: and labels that fit there would be cut off in every file
 DPI = 150
 
-#: widths of figures in inches, by name: one and two columns of a journal's page
-WIDTHS = {"column": 3.5, "page": 7.2}
+#: widths of figures in inches: one and two columns of a journal's page
+WIDTHS: dict[str | float, float] = {"column": 3.5, 1: 3.5, "page": 7.2, 2: 7.2}
 
 F = TypeVar("F", bound=Callable[..., Figure])
 
@@ -134,7 +135,7 @@ def styled(make: F) -> F:
 
     style : None for this package's, with whatever the user's rcParams say; else a style of matplotlib (a name, a dict
         of rcParams or a list of them) put on top of that;
-    width : "column" (3.5 in), "page" (7.2 in) or inches;
+    width : "column" or 1 (3.5 in), "page" or 2 (7.2 in, two columns), or more inches than these;
     ax : the axes to draw into, an array of them for a figure with several panels.
     """
 
@@ -142,10 +143,9 @@ def styled(make: F) -> F:
     def inner(
         *args: object, style: Any = None, width: str | float | None = None, ax: object = None, **kwargs: Any
     ) -> Figure:
+        width = width if width is None else WIDTHS.get(width, width)
         if isinstance(width, str):
-            if width not in WIDTHS:
-                raise StyleError(f"width={width!r}: not known; use {', '.join(map(repr, WIDTHS))} or inches")
-            width = WIDTHS[width]
+            raise StyleError(f"width={width!r}: not known; use {', '.join(map(repr, WIDTHS))} or inches")
         given = None if ax is None else tuple(np.asarray(ax, dtype=object).ravel())
         outer = _WISH.get()
 
@@ -168,6 +168,9 @@ def styled(make: F) -> F:
             figure.for_phone = partial(_on_phone, drawn)
         return figure
 
+    whole = inspect.signature(make)
+    added = [p for p in inspect.signature(inner, follow_wrapped=False).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    inner.__signature__ = whole.replace(parameters=[*whole.parameters.values(), *added])  # type: ignore[attr-defined]
     return inner  # type: ignore[return-value]
 
 

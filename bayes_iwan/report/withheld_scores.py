@@ -101,7 +101,7 @@ def share_figure(score: Score) -> Figure:
     fig = Figure(figsize=(5, 4.8), layout="constrained")
     ax = fig.add_subplot()
     reach = np.array([0.0, 100.0])
-    ax.fill_between(reach, reach - 100 * SHARE_POINTS, reach + 100 * SHARE_POINTS, color="#dde6f0", lw=0)
+    ax.fill_between(reach, reach - 100 * SHARE_POINTS, reach + 100 * SHARE_POINTS, color="#DDDDDD", lw=0)
     ax.plot(reach, reach, color=PRIOR, lw=1, label="stated = true; band: ±10 points")
     for alone, colour, label in ((True, BLUE, "the only cause"), (False, ORANGE, "one of several")):
         some = [(n, t) for c, n, t in parts if (len(c.truth.causes) == 1) == alone]

@@ -194,3 +194,18 @@ def test_a_long_record_s_noise_is_found_from_a_length_that_transforms_well(recor
     shortened, resolved = average(r).noise_N, np.isfinite(whole)
     np.testing.assert_allclose(shortened[resolved][1:], whole[resolved][1:], rtol=0.1)
     assert shortened[0] == pytest.approx(whole[0], rel=0.3)  # five bins alone tell the mean's
+
+
+@pytest.mark.parametrize("orders", [(1, 9), (2, 3, 11), range(1, 9), range(1, 20, 2)])
+def test_a_multisine_keeps_all_its_harmonics_and_has_no_corners(record, orders):
+    r = record(n_cycles=10.3, noise_N=0.01)
+    rng = np.random.default_rng(3)
+    size, turn = rng.uniform(0.5, 1.0, 20), rng.uniform(size=20)
+
+    def motion(cycles):
+        return sum(size[h] * np.sin(2 * np.pi * (h * cycles + turn[h])) for h in orders)
+
+    loop = average(replace(r, displacement_mm=motion(10 * r.time_s) + 1e-3 * rng.normal(size=r.time_s.size)))
+    shift = np.angle(loop.fold(np.exp(2j * np.pi * 10 * r.time_s).real)[0, 1]) / (2 * np.pi)
+    np.testing.assert_allclose(loop.displacement_mm, motion(loop.phase + shift), atol=0.01)
+    assert not loop.corners

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import split
+from bayes_iwan.campaign.importing import import_tests
 from bayes_iwan.campaign.timing.drive import assess_drive
 
 
@@ -39,3 +40,20 @@ def test_a_staircase_of_many_levels_is_one(steps, cycles):
     size = np.repeat(np.linspace(0.3, 1.0, steps), cycles * 100)
     found = assess_drive(time, size * np.sin(20.0 * np.pi * time))
     assert found.kind == "levels" and len(found.levels) == steps
+
+
+@pytest.mark.parametrize("frequency", [lambda a: 1.0, lambda a: 1.0 / a], ids=["one frequency", "one speed"])
+def test_two_cycles_a_level_are_a_test_a_level_without_a_word_of_gaps(tmp_path, frequency):
+    """As many rows a cycle at each: the band that crossings are fitted in holds two levels."""
+    sizes, rows = (0.25, 0.5, 1.0, 1.5, 2.0), 100
+    u = np.concatenate([a * np.sin(2 * np.pi * np.arange(2 * rows) / rows) for a in sizes])
+    step = np.repeat([1.0 / (rows * frequency(a)) for a in sizes], 2 * rows)
+    u += 2e-4 * np.random.default_rng(1).standard_normal(u.size)
+    time = np.cumsum(step)
+    assert assess_drive(time, u).kind == "levels"
+    table = "".join(f"{t:.5f},{x:.5f},{20 * np.tanh(3 * x) + 4 * x:.4f}\n" for t, x in zip(time, u))
+    (tmp_path / "a.csv").write_text("Time [s],Displacement [mm],Force [N]\n" + table)
+    tests = import_tests([tmp_path / "a.csv"], split=True)
+    assert [t.record.amplitude_mm for t in tests] == list(sizes)
+    assert [t.record.frequency_hz for t in tests] == pytest.approx([frequency(a) for a in sizes], rel=1e-3)
+    assert not any("gap" in x or "irregular" in x for t in tests for x in t.record.warnings)

@@ -166,7 +166,7 @@ def test_headings_merged_over_several_rows_name_each_column(tmp_path):
 @pytest.mark.parametrize(
     ("start", "what"),
     [
-        ("<table><tr><td>1</td></tr></table>", "XML or HTML"),
+        ("<table><tr><td>1</td></tr></table>", "a document"),
         ("CDF\x01" + 99 * "\0", "netCDF 3"),
         ("FORMAT" + 99 * "\0", "no text, .* export it as CSV"),
     ],

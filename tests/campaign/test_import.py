@@ -230,6 +230,24 @@ def test_sample_rates(table, record):
     np.testing.assert_allclose(test.record.time_s, r.time_s, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        (lambda t: t[::-1], "runs backwards: .* turn their order round"),
+        (lambda t: np.random.default_rng(0).permutation(t), "is in no order: .*Export the recording again"),
+        (np.zeros_like, "does not move"),
+    ],
+    ids=["backwards", "shuffled", "still"],
+)
+def test_a_time_that_is_in_no_order_is_said_to_be(table, record, order, words):
+    r = record(noise_N=0.002)
+    path = table("a.csv", {"t [s]": order(r.time_s), "Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N})
+    with pytest.raises(CampaignError, match=f"^a.csv: the time 't' {words}.*--time none --sample-rate HZ"):
+        import_tests([path])
+    (test,) = import_tests([path], Recipe(channels={"time": "none"}, sample_rate_hz=1280))
+    np.testing.assert_allclose(test.record.time_s, r.time_s, atol=1e-9)
+
+
 def test_a_clock_in_milliseconds_since_1970_named_seconds(tmp_path, record):
     r = record(noise_N=0.002)
     rows = zip(r.time_s, r.displacement_mm, r.force_N)

@@ -71,6 +71,12 @@ def test_no_header_trailing_separators_quotes_and_remarks(tmp_path):
     same(read(tmp_path, "t;x;F;remark\n" + rows(";").replace("\n", ";good\n")), ["t", "x", "F"])
     quoted = "\n".join(";".join(f'"{cell}"' for cell in line.split(";")) for line in rows(";", ",").splitlines())
     same(read(tmp_path, "t;x;F\n" + quoted + "\n"), ["t", "x", "F"])
+    # a table that a spreadsheet took for one column: each line is one cell, quotes within it are doubled
+    for separator, decimal, end in ((",", ".", ""), (";", ",", ",,"), ("\t", ",", "")):
+        lines = ["t;x;F".replace(";", separator), *rows(separator, decimal).splitlines()]
+        same(read(tmp_path, "".join(f'"{line}"{end}\n' for line in lines)), ["t", "x", "F"])
+    doubled = quoted.replace('"', '""').splitlines()
+    same(read(tmp_path, "".join(f'"{line}"\n' for line in doubled)), ["column 1", "column 2", "column 3"])
 
 
 def test_times_of_day_become_seconds(tmp_path):

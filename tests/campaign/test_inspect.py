@@ -74,3 +74,16 @@ def test_a_distorted_drive_is_said_to_be_one(record):
 def test_noise_that_rivals_the_force(record):
     test = inspect_loop(average(record(n_cycles=20.3, noise_N=0.5)))
     assert any("noise of" in n and "more cycles" in n for n in test.notes)
+
+
+def test_the_energy_of_a_multisine_is_that_of_all_its_harmonics(record):
+    cycles = 10.0 * np.arange(1600) / 1280.0
+    terms = [(order, 0.5, order * 0.7) for order in (2, 3, 9)]  # no fundamental
+    u = sum(a * np.sin(2 * np.pi * h * cycles + turn) for h, a, turn in terms)
+    force = sum(a * (5 * np.sin(x := 2 * np.pi * h * cycles + turn) + np.cos(x)) for h, a, turn in terms)
+    plain = record(time_s=cycles / 10.0)
+    test = inspect_loop(average(replace(plain, displacement_mm=u + 0.001 * plain.displacement_mm, force_N=force)))
+    assert test.energy_mJ.value == pytest.approx(sum(np.pi * h * a**2 for h, a, _ in terms), rel=0.01)
+    # of its strongest harmonics: the missing fundamental would be a division by nothing
+    assert test.stiffness_N_mm.value == pytest.approx(5.0, rel=0.01)
+    assert test.loss_factor.value == pytest.approx(0.2, rel=0.01) and 1.3 < test.distortion < 1.5

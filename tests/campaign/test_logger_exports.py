@@ -4,6 +4,7 @@ Each form is written after the program's own exports: its preamble, its marks, i
 """
 
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -379,11 +380,32 @@ def test_lines_that_begin_as_remarks_do(tmp_path, mark, separator):
     assert energy(import_tests([tmp_path / "a.csv"])[0]) == pytest.approx(ENERGY_NMM, rel=0.003)
 
 
-def test_json_recordings_of_a_folder_are_read_and_json_remarks_are_not(tmp_path):
+def test_recordings_of_a_folder_are_read_and_notes_beside_them_are_passed_over(tmp_path):
     (tmp_path / "a.csv").write_text(table(["time_s,disp_mm,force_N"], T, X, F))
     (tmp_path / "b.json").write_text(json.dumps({"time_s": _T, "disp_mm": [0.9 * x for x in _X], "force_N": _F}))
-    (tmp_path / "rig.json").write_text(json.dumps({"operator": "me", "gains": [1, 2, 3]}))
-    assert [x.record.file for x in import_tests([tmp_path])] == ["a.csv", "b.csv"]
+    notes = {
+        "rig.json": json.dumps({"operator": "me", "gains": [1, 2, 3]}).encode(),
+        "readme.txt": b"Run in for 10 min.\n1. mounted\n2. warm\n",
+        "log": b"Gain\t10\nRange\t500\n",
+        "empty.csv": b"",
+        "photo.jpg": b"\xff\xd8\xff\xe0\0\x10JFIF\0" + bytes(256),
+        "report.pdf": b"%PDF-1.4\nxref\n" + b"0000000015 00000 n\n" * 30,
+        "old.doc": b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600),
+    }
+    for name, raw in notes.items():
+        (tmp_path / name).write_bytes(raw)
+    with zipfile.ZipFile(tmp_path / "notes.docx", "w") as packed:
+        packed.writestr("word/document.xml", "<x/>")
+    tests = import_tests([tmp_path])
+    assert [x.record.file for x in tests] == ["a.csv", "b.csv"]
+    said = [line for x in tests for line in x.said if line.startswith("passed over, as no recording: ")]
+    assert sorted(line.split(": ")[1] for line in said) == sorted([*notes, "notes.docx"])
+    for name in notes:
+        with pytest.raises(CampaignError, match=name):  # which was named itself
+            import_tests([tmp_path / "a.csv", tmp_path / name])
+    (tmp_path / "damaged.csv").write_text(table(["time_s,disp_mm,force_N"], T, X, F) + "1,2,3,4\n")
+    with pytest.raises(CampaignError, match=r"damaged\.csv line"):
+        import_tests([tmp_path])
 
 
 @pytest.mark.parametrize("clock", ["moments", "starts"])

@@ -1,5 +1,6 @@
 """Periodic drives that are no sine are tests like any other; few cycles are counted; staircases become tests."""
 
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -154,12 +155,29 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path, capsys, monkeypatch):
     answers = {"force": "ai1", "displacement": "ai0", "force=": "N", "displacement=": "mm", "rate": "500 Hz"}
     replies = [answers[{"--sample-rate": "rate"}.get(q.option, q.option[2:] if not q.role else q.role + "=")]
                for q in caught.value.questions]  # fmt: skip
-    replies.insert(replies.index("500 Hz"), "fast")  # is said, and asked again
+    wrong = {"500 Hz": "fast", "mm": "metre per yard", "N": "mm", "ai0": "ai7"}  # are said, and asked again
+    for right, first in wrong.items():
+        replies.insert(replies.index(right), first)
+    given = list(replies)
     monkeypatch.setattr("builtins.input", lambda prompt: replies.pop(0))
     assert cli.main(["import", file, "--dry-run", "--ask"]) == 0
     out = capsys.readouterr().out
     assert "--sample-rate: 'fast' is not a number" in out and "found: 2 Hz" in out
+    assert "unit mm is no unit of force" in out and "no channel 'ai7' (displacement) among" in out
+    (again,) = (line for line in out.splitlines() if "This asks no more" in line)
+    assert cli.main(shlex.split(again.partition(": ")[2])[1:]) == 0
+    assert "found: 2 Hz" in capsys.readouterr().out
+    replies[:] = [*given[:5], ""]  # what was answered before somebody stops is in the command that is proposed
+    assert cli.main(["import", file, "--dry-run", "--ask"]) == 2
+    assert '--force ai1 --unit "force=N"' in capsys.readouterr().err
     assert cli.main(["import", file, "--dry-run"]) == 2, "what was answered once is no answer for the next command"
+
+
+def test_a_sawtooth_is_no_integer_that_overflowed(tmp_path):
+    r = recorded(lambda p: sawtooth(TAU * p), 9.3)
+    file = columns(tmp_path / "a.csv", t_s=r.time_s, x_mm=r.displacement_mm, F_N=r.force_N)
+    with pytest.raises(ValueError, match=r"^a.csv: 'x' jumps \d+ times .*a sawtooth, which no drive follows"):
+        import_tests([file])
 
 
 def test_a_channel_a_file_and_held_out_tests(tmp_path, capsys):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError, Record, average
+from bayes_iwan.campaign.folders.inspect import inspect_loop
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record
 
@@ -54,6 +55,9 @@ def test_the_first_quarter_cycle_from_rest_is_left_out(wave, cycles):
     steady = average(recorded(wave, 8, rest=False))
     expected = energy(steady.displacement_mm, steady.force_N)
     assert energy(loop.displacement_mm, loop.force_N) == pytest.approx(expected, rel=0.015)
+    seen = inspect_loop(loop)
+    assert seen.energy_mJ.value == pytest.approx(inspect_loop(steady).energy_mJ.value, rel=0.01)
+    assert np.ptp(seen.energy_by_cycle_mJ) < 0.02 * expected
     assert loop.amplitude_mm == pytest.approx(1, abs=0.01)
     assert any("run-in" in x or "what was before" in x for x in checked.warnings)
 

@@ -42,6 +42,9 @@ def test_held_out_tests_are_not_fitted(known):
     assert [x.file for x in p.loops] == [x.file for i, x in enumerate(loops) if i != 1]
     with pytest.raises(ValueError, match="held-out"):
         make_problem([replace(x, role="held-out") for x in loops])
+    for wrong, name in (([x.record for x in loops], "Record"), ("campaign", "str"), (object(), "object")):
+        with pytest.raises(ValueError, match=f"averaged loops are needed, .*, not {name}"):
+            make_problem(wrong)
 
 
 def test_fingerprint_tells_problems_apart(problem, known):

@@ -107,7 +107,7 @@ def test_page_and_table_of_a_comparison(comparison, tmp_path):
 
 
 def test_bad_requests_are_refused(posterior):
-    with pytest.raises(CompareError, match="no family 'gama1'; there are gamma3"):
+    with pytest.raises(CompareError, match=r"no family 'gama1'; there are gamma3.*did you mean 'gamma1'"):
         compare_families(posterior.problem.loops, ["gama1", "gamma2"])
     with pytest.raises(CompareError, match="at least two"):
         compare_families(posterior.problem.loops, ["gamma1"])

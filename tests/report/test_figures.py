@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
@@ -178,7 +179,10 @@ def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_pa
     assert len(bi.plot.corner(posterior).for_phone().axes) == 10 < len(whole.axes)  # four quantities alone
     with pytest.raises(ValueError, match="makes its own axes"):
         bi.plot.corner(posterior, ax=ax)
-    with pytest.raises(ValueError, match="use 'column', 'page' or inches"):
+    assert [bi.plot.loops(posterior, width=n).get_figwidth() for n in (1, 2)] == [3.5, 7.2]  # columns
+    for name in set(bi.plot.__all__) - {"save"}:  # help shows what they all take
+        assert {"style", "width", "ax"} <= set(inspect.signature(getattr(bi.plot, name)).parameters), name
+    with pytest.raises(ValueError, match="use 'column', 1, 'page', 2 or inches"):
         bi.plot.loops(posterior, width="colum")
     with pytest.raises(ValueError, match="did you mean 'f10_a0"):
         bi.plot.loop(posterior, "f10_a0.csv")

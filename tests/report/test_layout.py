@@ -61,10 +61,10 @@ def pages(page, specimens, made_up_campaign, tmp_path_factory):
     out = tmp_path_factory.mktemp("pages")
     shutil.copy(page / "report.html", out)
     inspect_to(made_up_campaign, out)
-    write_batch_page(specimens, out, of_folder(out, 1))
     campaign = bi.demo(out / "demo")
     bi.diagnose(campaign.path, out, quick=True, seed=1, config=CLASSICAL)
     bi.compare(campaign, out, families=["uniform", "gamma1"], config=SHORT, by="tests", seed=1, progress=False)
+    write_batch_page(specimens, out, of_folder(out, 1))
     return out
 
 
@@ -124,6 +124,10 @@ def test_without_a_browser_a_pdf_is_refused_before_work(posterior, tmp_path, mon
 def test_the_unusual_specimen_comes_first_and_lots_are_compared(specimens):
     assert specimens.unusual[0].name.endswith("_5") and "mean_slip_force_N" in specimens.unusual[0].notable
     assert {(d.a, d.b) for d in specimens.differences()} == {("A", "B")}
+    for found in specimens.differences():  # both lots' errors are in the ratio, which one seed's draws would cancel
+        draws = [specimens.lot_populations[k][found.quantity].typical_draws for k in "AB"]
+        wide = [float(np.diff(np.quantile(np.log(x), [0.05, 0.95]))[0]) for x in draws]
+        assert np.log(found.high / found.low) == pytest.approx(np.hypot(*wide), rel=0.2)
     table = specimens.table()
     assert all(len(row) == len(table.columns) for row in table.rows)
     assert len(repr(specimens).splitlines()) < 25

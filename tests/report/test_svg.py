@@ -3,14 +3,16 @@
 import base64
 import io
 import re
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from bayes_iwan.report import style
 from bayes_iwan.report.style import subplots
-from bayes_iwan.report.svg import _corners, _path, svg
+from bayes_iwan.report.svg import KNOWN, _corners, _path, svg
 
 
 def points_of(path):
@@ -73,3 +75,10 @@ def test_what_is_seen_stays_and_names_of_two_figures_do_not_clash():
     assert 0.001 < np.mean(grey[..., 3] > 128) < 0.2
     solid = grey[grey[..., 3] > 128][:, :3].astype(int)
     assert np.abs(solid - 0x9A).max() < 12
+
+
+def test_colours_of_figures_follow_a_dark_screen():
+    """One that the page's style does not name leaves its whole figure a white card there."""
+    files = Path(style.__file__).parent.rglob("*.py")
+    used = {x.lower() for path in files for x in re.findall(r'"#([0-9A-Fa-f]{6})"', path.read_text(encoding="utf-8"))}
+    assert len(used) > 10 and used <= KNOWN

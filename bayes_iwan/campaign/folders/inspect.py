@@ -12,7 +12,7 @@ from scipy import signal, stats
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.folder import Campaign
 from bayes_iwan.campaign.loops.averaging import Loop
-from bayes_iwan.campaign.loops.steadiness import Cycles, cycles_of
+from bayes_iwan.campaign.loops.steadiness import SHAPE_HARMONICS, Cycles, cycles_of
 
 LEVEL = 0.90  # of the intervals
 MAINS_HZ = (50.0, 60.0)
@@ -21,6 +21,7 @@ LINE = 5.0  # times the noise floor around it: a spectral line
 COINCIDES = 0.02  # of the drive's frequency: mains interference at one of its harmonics
 REVERSAL = 0.1  # of the stroke, from each turn on: where friction contacts stick
 FEWEST_IN_REVERSAL = 4  # samples that a stiffness at the turn needs
+IN_MOTION = 1e-5  # of the strongest harmonic: what is more is motion, of which averaging has taken the noise off
 PLAIN_DRIVE = 0.05  # total harmonic distortion up to which a drive is called a sine
 
 
@@ -53,12 +54,12 @@ class Inspection:
     """One test, before any model.
 
     loop, cycles : the averaged loop and its cycles. energy_mJ : energy lost a cycle, the area of the loop.
-    stiffness_N_mm : force over displacement of the fundamentals, in phase. loss_factor : the same in quadrature, over
-    it (tan of the loss angle). energy_by_cycle_mJ : (n_cycles,).
+    stiffness_N_mm : force over displacement, in phase, of the motion's strongest harmonic, a sine's fundamental.
+    loss_factor : the same in quadrature, over it (tan of the loss angle). energy_by_cycle_mJ : (n_cycles,).
     slope_N_mm : the straight part that figures take off, a line through the loop.
     noise_N, noise_mm : RMS of what is left of each channel between cycles. spectrum_hz, spectrum_N2_Hz : its power.
-    lines : mains lines of the force. drive_harmonics : (10,) size of the displacement's harmonics over the fundamental.
-    distortion : their total, from the second on. samples_per_cycle, reversal_samples : the latter within the first
+    lines : mains lines of the force. drive_harmonics : (H,) size of the displacement's harmonics over the strongest.
+    distortion : the total of the others. samples_per_cycle, reversal_samples : the latter within the first
     tenth of the stroke after a turn, in one cycle, of the poorer turn.
     """
 
@@ -98,21 +99,23 @@ def inspect_campaign(campaign: Campaign) -> tuple[Inspection, ...]:
 
 def inspect_loop(loop: Loop) -> Inspection:
     """One averaged test."""
-    each = cycles_of(loop)
+    motion = np.abs(np.fft.rfft(loop.displacement_mm))[1:]
+    motion /= motion.max()
+    # the energy is that of all harmonics that the motion has: a multisine's sixth is not its last
+    each = cycles_of(loop, max(SHAPE_HARMONICS, 1 + int(np.flatnonzero(motion > IN_MOTION)[-1])))
     h = (each.displacement_shapes.shape[1] - 1) // 2
     shapes = (each.displacement_shapes, each.force_shapes)  # whose distance is an RMS
     u, f = (np.sqrt(2.0) * (rows[:, 1 : h + 1] + 1j * rows[:, h + 1 :]) for rows in shapes)
     energy = np.pi * np.sum(np.arange(1, h + 1) * np.imag(f * np.conj(u)), axis=1)
+    main = int(np.argmax(motion))
     # noise in a cycle's own displacement would bias a ratio: the mean motion is the divisor
-    dynamic = f[:, 0] * np.conj(u[:, 0]) / np.abs(u[:, 0].mean()) ** 2
+    dynamic = f[:, main] * np.conj(u[:, main]) / np.abs(u[:, main].mean()) ** 2
     stiffness = _over_cycles(dynamic.real)
     loss = _over_cycles(dynamic.imag / dynamic.real.mean())
     left_u, left_f = loop.left_over(loop.record.displacement_mm), loop.left_over(loop.record.force_N)
     step = float(np.median(np.diff(loop.record.time_s)))
     per_cycle = loop.averager.index.size / loop.n_cycles
     spectrum_hz, spectrum = signal.welch(left_f, 1 / step, nperseg=min(left_f.size, int(8 * per_cycle)))
-    motion = np.fft.rfft(loop.displacement_mm)
-    harmonics = np.abs(motion[1:11]) / np.abs(motion[1])
     return Inspection(
         loop=loop,
         cycles=each,
@@ -126,8 +129,8 @@ def inspect_loop(loop: Loop) -> Inspection:
         spectrum_hz=spectrum_hz[1:],
         spectrum_N2_Hz=spectrum[1:],
         lines=_mains(loop, left_f, 1 / step) if loop.record.clock else (),
-        drive_harmonics=harmonics,
-        distortion=float(np.linalg.norm(harmonics[1:])),
+        drive_harmonics=motion,
+        distortion=float(np.linalg.norm(np.delete(motion, main))),
         samples_per_cycle=per_cycle,
         reversal_samples=_in_reversal(loop) * per_cycle,
     )
@@ -198,7 +201,7 @@ def _notes(test: Inspection) -> list[str]:
             )
         )
     if test.distortion > PLAIN_DRIVE:
-        worst = 2 + int(np.argmax(test.drive_harmonics[1:]))
+        worst = 1 + int(np.argsort(test.drive_harmonics)[-2])
         notes.append(
             f"the drive is no sine: {test.distortion:.1%} distortion, most in harmonic {worst} "
             f"({test.drive_harmonics[worst - 1]:.1%}). The model is driven with the motion as it was; formulas for "

@@ -75,12 +75,16 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
         names = ", ".join(repr(c.name) for c in candidates.pop("acceleration"))
         notes.append(f"the displacement is used, not the acceleration {names}: --acceleration NAME takes that")
     questions = []
+
+    def which(role: str, text: str) -> Question:
+        return Question(f"--{role}", "", "NAME", text, lambda name: _ask(recording, role, name))
+
     for role, some in candidates.items():
         if len(some) == 1:
             found[role] = some[0]
         elif some:
-            which = f"Which channel is the {role}: {_list(recording, some)}?"
-            questions += [Question(f"--{role}", "", "NAME", which), *unit_asked(some, role, recipe)]
+            among = _list(recording, some)
+            questions += [which(role, f"Which channel is the {role}: {among}?"), *unit_asked(some, role, recipe)]
     for role in ("force", "displacement"):
         missing = role not in found and not candidates.get(role)
         if role == "displacement":
@@ -89,7 +93,7 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
             what = "displacement or acceleration" if role == "displacement" else role
             free = [c for c in left if role_of(c.unit) is None and not named(c.name, "time")]
             among = _list(recording, left, numbers=not any(c.unit for c in free))
-            questions.append(Question(f"--{role}", "", "NAME", f"No channel is known as {what} among {among}."))
+            questions.append(which(role, f"No channel is known as {what} among {among}."))
             questions += unit_asked(free, role, recipe)
     times: list[Channel | None] = [None, None]
     motion = found.get("displacement", found.get("acceleration"))
@@ -100,9 +104,9 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
     elif "time" not in recipe.channels and recipe.clock:
         used = [c for c in found.values()]
         for k, one in enumerate(both):
-            here = _times(recording, one, used) if one else []
+            here = _times(recording, one, used, recipe) if one else []
             if len(here) > 1:
-                questions.append(Question("--time", "", "NAME", _WHICH.format(_list(recording, here))))
+                questions.append(which("time", _WHICH.format(_list(recording, here))))
             times[k] = here[0] if here else None
     if questions or motion is None or both[1] is None:
         return questions + [q for role, channel in found.items() for q in unit_asked([channel], role, recipe)]
@@ -132,7 +136,12 @@ def unit_asked(some: Sequence[Channel], role: str, recipe: Recipe) -> list[Quest
         else:
             return []
     name = f"{some[0].name!r} ({role})" if len(some) == 1 else f"The {role}"
-    return [Question(option, role, x, f"{name} {what}") for (option, x), what in asked.items() if len(asked) == 1]
+    checks: dict[str, Callable[[str], object]] = {
+        "--unit": lambda unit: converted(np.ones(1), unit, "", role, "--unit"),
+        "--sensitivity": lambda of: converted(np.ones(1), "", of, role, "--sensitivity"),
+    }
+    found = [Question(option, role, x, f"{name} {what}", checks[option]) for (option, x), what in asked.items()]
+    return found if len(found) == 1 else []
 
 
 def is_time(channel: Channel) -> bool:
@@ -140,13 +149,18 @@ def is_time(channel: Channel) -> bool:
     return role_of(channel.unit) == "time" or (not channel.unit and named(channel.name, "time"))
 
 
-def _times(recording: Recording, channel: Channel, used: list[Channel]) -> list[Channel]:
-    """The time channels that may be a channel's own: of its group, before it; several only where they differ."""
-    some = [
+def _times(recording: Recording, channel: Channel, used: list[Channel], recipe: Recipe) -> list[Channel]:
+    """The time channels that may be a channel's own: of its group, before it; several only where they differ. Raises
+    CampaignError where all of them run backwards or are in no order."""
+    clocks = [
         c
         for c in recording.channels
-        if not any(c is x for x in used) and c.values.size == channel.values.size and is_time(c) and _rises(c.values)
+        if not any(c is x for x in used) and c.values.size == channel.values.size and is_time(c)
     ]
+    some = [c for c in clocks if _rises(c.values)]
+    known = recipe.sample_rate_hz or channel.rate_hz
+    if clocks and not some and not known and (role_of(clocks[0].unit) or not recording.rate_hz):
+        raise CampaignError(f"{recording.where}: {_disorder(clocks[0])}")
     some = [c for c in some if c.group == channel.group] or [c for c in some if not c.group] or some
     some = [c for c in some if not (np.diff(c.values) < 0).any()] or some  # not one that starts anew at each cycle
     if len(some) < 2:
@@ -180,6 +194,21 @@ def _as_units_say(size: float, first: Channel, other: Channel) -> bool:
         for c in (first, other)
     )
     return any(abs(size * b / a - 1.0) < SAME_RATE for a in one for b in another)
+
+
+def _disorder(clock: Channel) -> str:
+    """What is wrong with times that do not go up, and how to put it right."""
+    values = clock.values[np.isfinite(clock.values)]
+    steps = np.diff(values)
+    k, what, fix = int(np.argmax(steps < 0)), "is in no order", "Export the recording again"
+    if not steps.any():
+        what = "does not move"
+    elif np.mean(steps <= 0) >= RISING:
+        what, fix = "runs backwards", "If the rows were written last first, turn their order round"
+    return (
+        f"the time {clock.name!r} {what}: {values[k]:.12g}, then {values[k + 1]:.12g} at sample {k + 2}. {fix}; if "
+        "only this column is wrong, leave it out: --time none --sample-rate HZ"
+    )
 
 
 def _rises(values: np.ndarray) -> bool:
@@ -229,6 +258,7 @@ def _plain(name: str) -> str:
 
 
 def _ask(recording: Recording, role: str, name: str) -> Channel:
+    """The channel that a name or number means. Raises CampaignError."""
     same = matching(recording, name)
     if len(same) == 1:
         return same[0]

@@ -92,12 +92,16 @@ def wrapped_round(values: Array, name: str) -> str:
     step = np.diff(values)
     jump, before, after = np.sign(step[1:-1]), np.sign(step[:-2]), np.sign(step[2:])
     far = np.abs(step[1:-1]) > 0.5 * (np.nanmax(values) - np.nanmin(values))
-    n = int(np.count_nonzero(far & (before == -jump) & (after == -jump)))
+    wraps = far & (before == -jump) & (after == -jump)
+    n = int(np.count_nonzero(wraps))
     if n < FEWEST_WRAPS or n < MOST_WRAP * np.count_nonzero(far):
         return ""
-    return (
-        f"{name!r} jumps {n} times from one end of its range to the other and goes on as before: an integer that "
-        "overflowed. Export it with more bits or as decimals"
+    one_way = abs(jump[wraps].sum()) == n  # what goes past its range and comes back jumps both ways
+    return f"{name!r} jumps {n} times from one end of its range to the other and goes on as before: " + (
+        "a counter or an angle that starts again, or a sawtooth, which no drive follows. Export it counted on, or the "
+        "motion that was measured"
+        if one_way
+        else "an integer that overflowed. Export it with more bits or as decimals"
     )
 
 

@@ -25,7 +25,7 @@ from bayes_iwan.campaign.importing.defects import (
 from bayes_iwan.campaign.importing.joining import joined
 from bayes_iwan.campaign.importing.names import named
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
-from bayes_iwan.campaign.importing.read import expanded, read_file
+from bayes_iwan.campaign.importing.read import read_files
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.scaling import moments_unit, scaled, times_of
@@ -84,9 +84,8 @@ def import_tests(
     how to fix it, for everything that `read_campaign` would refuse.
     """
     recipe = recipe or Recipe()
-    paths = expanded(files)
-    recordings = joined([x for path in paths for x in read_file(path, recipe.layout)], recipe, join)
-    recordings = _named_parts(recordings, recipe)
+    found, passed_over = read_files(files, recipe.layout)
+    recordings = _named_parts(joined(found, recipe, join), recipe)
     tests: list[ImportedTest] = []
     asked: list[ImportAsks] = []
     for recording in recordings:
@@ -98,6 +97,7 @@ def import_tests(
         raise ImportAsks(asked[0].where, [q for x in asked for q in x.questions])
     if not tests:
         raise CampaignError("import: no files")
+    tests[-1] = replace(tests[-1], said=(*tests[-1].said, *passed_over))
     first = tests[0]
     for test in tests:
         if list(test.columns) != list(first.columns):
@@ -225,7 +225,7 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
                 return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
             if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
-                return [Question("--sample-rate", "", "1 or none", _ROWS.format(time.name))]
+                return [Question("--sample-rate", "", "none", _ROWS.format(time.name))]
             if moments_unit(time.values) and not time.unit:
                 continue
             if not recipe.units.get("time", time.unit):
@@ -285,7 +285,6 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     units = Units("mrad" if in_units[0] in ("mrad", "rad/s²") else "mm", in_units[1])
     file = _file_name(recording)
     check_time(file, time_s, rate, NO_FREQUENCY_HZ)  # check_record counts the samples a cycle
-    warnings += step_warnings(time_s) if recipe.clock else ()
     column = MOTION_COLUMNS[units.displacement] if split or found.role == "displacement" else ""
     acceleration = motion_values
     if found.role == "acceleration":
@@ -312,6 +311,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     for piece in pieces:
         try:
             named = _named(piece)  # what is written is as it was recorded: drifts are taken off when it is read
+            steps = step_warnings(named.time_s) if recipe.clock else ()
+            named = replace(named, warnings=(*named.warnings, *steps))
             checked, loop = check_record(named)
         except CampaignError as error:
             if len(pieces) == 1:

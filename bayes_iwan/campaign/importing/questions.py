@@ -1,6 +1,6 @@
 """What an import must ask its user: all of it at once, each with the option that answers it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from bayes_iwan.campaign.recording.records import CampaignError
@@ -11,18 +11,18 @@ class Question:
     """What is missing, and what answers it on the command line.
 
     option : "--force", "--unit" ...; role : of an option that is given for each role, else "". placeholder : stands for
-    the answer. text : one sentence.
+    the answer. text : one sentence. check : raises CampaignError for an answer that cannot be.
     """
 
     option: str
     role: str
     placeholder: str
     text: str
+    check: Callable[[str], object] = str
 
-    @property
-    def words(self) -> tuple[str, str]:
-        """Option and value, the value with a placeholder."""
-        return self.option, f"{self.role}={self.placeholder}" if self.role else self.placeholder
+    def words(self, answer: str) -> tuple[str, ...]:
+        """Option and value as a command line has them."""
+        return (self.option, f"{self.role}={answer}" if self.role else answer)[: 2 if self.placeholder else 1]
 
 
 class ImportAsks(CampaignError):
@@ -32,7 +32,6 @@ class ImportAsks(CampaignError):
         unique = {(q.option, q.role): q for q in reversed(questions)}
         self.where, self.questions = where, tuple(reversed(unique.values()))
         self.facts = f"{where}: {' '.join(q.text for q in self.questions)}"
-        options = " ".join(
-            f'{option} "{value}"' if value else option for option, value in (q.words for q in self.questions)
-        )
+        words = (q.words(q.placeholder) for q in self.questions)
+        options = " ".join('{} "{}"'.format(*x) if x[1:] else x[0] for x in words)
         super().__init__(f"{self.facts} Say it with {options}")

@@ -14,16 +14,17 @@ from bayes_iwan.campaign.importing.formats.text import read_text
 from bayes_iwan.campaign.importing.formats.text_layout import Layout
 from bayes_iwan.campaign.importing.formats.uff import read_uff
 from bayes_iwan.campaign.importing.formats.wav import read_wav
-from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Recording
+from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, NoSignals, Recording
 from bayes_iwan.campaign.recording.records import CampaignError
 
+DOCUMENT = rb"(\xef\xbb\xbf)?\s*<|%PDF"
 #: formats that are known by their first bytes and not read: what to do with them
 OTHERS = (
     (rb"MDF     ", "an ASAM MDF file; export its channels with one time raster as CSV, MAT or Parquet"),
     (rb"\x93NUMPY", f"a NumPy array; {NUMPY}"),
     (rb"ARROW1", "an Arrow or Feather file; save it as Parquet: table.to_parquet(...)"),
     (rb"CDF[\1\2\5]", "a netCDF 3 file; save it as netCDF 4: nccopy -k nc4 old.nc new.nc"),
-    (rb"(\xef\xbb\xbf)?\s*<", "XML or HTML; save its table as CSV or .xlsx"),
+    (DOCUMENT, "a document (XML, HTML, PDF); save its table as CSV or .xlsx"),
 )
 #: what a folder of recordings may hold besides
 OTHER_FILES = (".toml", ".md", ".html", ".tdms_index", ".png")
@@ -40,11 +41,11 @@ def read_file(path: Path, layout: Layout) -> list[Recording]:
     except OSError as error:
         raise CampaignError(f"{path}: cannot be read ({error.strerror})") from None
     if not start:
-        raise CampaignError(f"{file}: empty")
+        raise NoSignals(f"{file}: empty")
     ending = path.suffix.lower()
     for mark, what in OTHERS:
         if re.match(mark, start):
-            raise CampaignError(f"{file}: {what}")
+            raise (NoSignals if mark == DOCUMENT else CampaignError)(f"{file}: {what}")
     if start.startswith(b"TDSm"):
         out = read_tdms(path, file)
     elif b"\x89HDF\r\n\x1a\n" in (start[:8], start[512:520]):
@@ -60,25 +61,37 @@ def read_file(path: Path, layout: Layout) -> list[Recording]:
     elif start.startswith(b"PK\x03\x04"):
         out = read_excel(path, file)
     elif start.startswith(b"\xd0\xcf\x11\xe0"):
-        raise CampaignError(f"{file}: an Excel file of before 2007; save it as .xlsx or CSV")
+        kind = CampaignError if ending == ".xls" else NoSignals
+        raise kind(f"{file}: an Office file of before 2007; save a spreadsheet as .xlsx or CSV")
     else:
         out = read_text(path, file, layout)
     if not any(x.channels for x in out):
-        raise CampaignError(f"{file}: no signals of {FEWEST_SAMPLES} samples or more in it")
+        raise NoSignals(f"{file}: no signals of {FEWEST_SAMPLES} samples or more in it")
     return [x for x in out if x.channels]
 
 
-def expanded(files: Sequence[str | os.PathLike[str]]) -> list[Path]:
-    """Files, the files of folders, and those that patterns match, each once. Raises CampaignError for none."""
-    out: list[Path] = []
+def read_files(files: Sequence[str | os.PathLike[str]], layout: Layout) -> tuple[list[Recording], tuple[str, ...]]:
+    """All recordings of files, folders and patterns, and a line for each file there that holds none: a note beside
+    them. Raises CampaignError, also for a file without signals that is named itself."""
+    out: list[Recording] = []
+    passed: list[str] = []
+    paths: dict[Path, None] = {}  # each once
     for name in (str(os.fspath(x)) for x in files):
         if (Path(name) / "campaign.toml").exists():
             raise CampaignError(f'{name}: is a campaign already; run: bayes-iwan check "{name}"')
-        some = recordings_in(name)
-        if not some:
+        if not (some := recordings_in(name)):
             raise CampaignError(f"{name}: no files there")
-        out += [p for p in some if p not in out]
-    return out
+        paths |= dict.fromkeys(some)
+    for path in paths:
+        try:
+            out += read_file(path, layout)
+        except NoSignals as error:
+            if path in map(Path, files):
+                raise
+            passed.append(f"passed over, as no recording: {error}")
+    if passed and not out:
+        raise CampaignError(passed[0])
+    return out, tuple(passed)
 
 
 def recordings_in(name: str) -> list[Path]:
@@ -86,15 +99,7 @@ def recordings_in(name: str) -> list[Path]:
     path = Path(name)
     if path.is_dir():
         some = [p for p in sorted(path.iterdir()) if p.is_file() and not p.name.startswith((".", "~$"))]
-        return [p for p in some if p.suffix.lower() not in OTHER_FILES and not _is_remark(p)]
+        return [p for p in some if p.suffix.lower() not in OTHER_FILES]
     if not path.exists() and any(c in name for c in "*?["):
         return [Path(p) for p in sorted(glob.glob(name, recursive=True)) if Path(p).is_file()]
     return [path]
-
-
-def _is_remark(path: Path) -> bool:
-    """Whether a file is JSON that holds no signals: what somebody wrote down beside recordings."""
-    try:
-        return path.suffix.lower() == ".json" and not read_file(path, Layout())
-    except CampaignError as error:
-        return "no signals" in str(error)

@@ -17,6 +17,10 @@ FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal
 RATES_HZ = 1e-6, 1e12  # of samples: beyond it, none was stated
 
 
+class NoSignals(CampaignError):
+    """A file that holds no signals: what somebody put beside recordings, or a layout that is not known."""
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """One signal as it stands in the file.

@@ -19,6 +19,9 @@ from bayes_iwan.campaign.timing.harmonics import evaluate, grams, inverse, on_gr
 
 SAMPLES_PER_HARMONIC = 0.45  # harmonics resolved per sample of a cycle; 0.5 is Nyquist
 FEWEST_TO_TAPER = 8  # harmonics; a distorted sine has fewer that matter
+#: times what noise hides: the last harmonic of a motion with corners is smaller, since they fall off by the square of
+#: their order and three in a row at most lie between
+RUN_OUT = 4.0
 CORNERS = 2e-3  # share of the squared velocity in the upper half of the harmonics that tells corners
 #: harmonics of the force above this share of the sampling rate are not trusted (but for the first few): anti-alias
 #: filters and sensors' own resonances turn and weaken them
@@ -212,12 +215,13 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
     noise[0] = np.hypot(noise[0], record.mean_force_error_N)
 
     d = u_blocks[-1].copy()
-    weights, cornered = _motion_weights(np.abs(d[1 : resolved + 1]), u_noise[1:])
     size = np.abs(d[1 : resolved + 1])
-    may = cornered or has_corners(size, np.zeros(resolved))  # of which noise may be the cause: kinks are tested on it
+    weights, cornered, runs_out = _motion_weights(size, u_noise[1:])
+    # corners of which noise may be the cause: kinks are tested on it
+    may = not runs_out and (cornered or has_corners(size, np.zeros(resolved)))
     kinked = cornered_motion(averager.phase, u[index], n_cycles) if may else None
     d[1 : resolved + 1] *= weights
-    corners = kinked is not None or has_corners(size, u_noise[1:])
+    corners = kinked is not None or (may and has_corners(size, u_noise[1:]))
     shift, amplitude = _crossing(d)
     offset = float(d[0].real)
     averager = replace(averager, shift=shift)
@@ -259,6 +263,16 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
     )
 
 
+def fitted_loops(loops: object) -> tuple[Loop, ...]:
+    """Those that are not held out. Raises CampaignError where none is left, and for anything but averaged loops."""
+    some = tuple(loops) if isinstance(loops, Iterable) else (loops,)
+    if wrong := [type(x).__name__ for x in some if not isinstance(x, Loop)]:
+        raise CampaignError(f"averaged loops are needed, as check(folder).loops holds them, not {wrong[0]}")
+    if not (fitted := tuple(x for x in some if x.role != "held-out")):
+        raise CampaignError('no test is left to fit: every test has role = "held-out"')
+    return fitted
+
+
 def in_band(loop: Loop) -> Loop:
     """The loop with the force's harmonics above TRUSTED_BAND of the sampling rate no data: their noise is infinite."""
     order = np.arange(len(loop.noise_N))
@@ -273,28 +287,33 @@ def _pad(noise: Array, n_harmonics: int) -> Array:
     return out
 
 
-def _motion_weights(size: Array, noise: Array) -> tuple[Array, bool]:
-    """(n,) weights of the displacement's harmonics 1 ... n, 1 for motion, 0 for what may be noise; and: has it corners?
+def _motion_weights(size: Array, noise: Array) -> tuple[Array, bool, bool]:
+    """(n,) weights of the displacement's harmonics 1 ... n, 1 for motion, 0 for what may be noise; and: may it have
+    corners, and do its harmonics run out?
 
     A harmonic counts when it is larger than noise alone would make any of them, once in 1 / FALSE_HARMONIC
-    records, and no more than three in a row below it are smaller than that. Derivatives then carry no noise
-    to speak of. Motions with corners (triangles, holds) never run out of harmonics: where the upper half of those
-    kept still holds a noticeable part of the velocity, it is tapered, which takes the ripple out of velocity and
-    acceleration and leaves the lower half as it is; sharp corners are then described by `corners` instead.
+    records, and no more than three in a row below it are smaller than that, unless it and those above it hold a
+    noticeable part of the velocity. Derivatives then carry no noise to speak of. Motions with corners (triangles,
+    holds) never run out of harmonics, as a multisine does: where the upper half of those kept still holds a noticeable
+    part of the velocity, it is tapered, which takes the ripple out of velocity and acceleration and leaves the lower
+    half as it is; sharp corners are then described by `corners` instead.
     """
-    strong = size > np.maximum(np.sqrt(2 * np.log(noise.size / FALSE_HARMONIC)) * noise, 1e-9 * size.max())
+    hidden = np.maximum(np.sqrt(2 * np.log(noise.size / FALSE_HARMONIC)) * noise, 1e-9 * size.max())
+    strong = size > hidden
     strong[0] = True
     at = np.flatnonzero(strong)
-    breaks = np.flatnonzero(np.diff(at) > 4)
-    last = at[breaks[0]] if breaks.size else at[-1]
     h = np.arange(1, noise.size + 1)
+    speed = (h * size * strong) ** 2
+    breaks = [k for k in np.flatnonzero(np.diff(at) > 4) if speed[at[k + 1] :].sum() <= CORNERS * speed.sum()]
+    last = at[breaks[0]] if breaks else at[-1]
     weights = np.where(h <= last + 1, strong, False).astype(float)
-    speed = (h * size * weights) ** 2
+    speed *= weights
     upper = (h > (last + 1) / 2) & (h <= last + 1)
+    runs_out = bool(last + 4 < noise.size and size[last] > RUN_OUT * hidden[last])
     cornered = bool(weights.sum() >= FEWEST_TO_TAPER and speed[upper].sum() > CORNERS * speed.sum())
-    if cornered:
+    if cornered and not runs_out:
         weights[upper] *= np.cos(np.pi / 2 * np.linspace(0, 1, upper.sum() + 2)[1:-1]) ** 2
-    return weights, cornered
+    return weights, cornered, runs_out
 
 
 def _crossing(d: np.ndarray) -> tuple[float, float]:

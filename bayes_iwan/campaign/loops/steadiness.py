@@ -15,6 +15,7 @@ from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.recording.records import CampaignError
 from bayes_iwan.campaign.timing.cycles import cycle_shapes
 
+SHAPE_HARMONICS = 6  # by which cycles are compared
 FEWEST = 6  # cycles below which scatter over cycles says nothing
 SIGMAS = 8.0  # of its own scatter: what stands out
 JUMP, LARGE_JUMP = 0.01, 0.05  # of a cycle: a jump of phase that is said, and one that is refused
@@ -49,12 +50,15 @@ class Cycles:
     force_shapes: Array
 
 
-def cycles_of(loop: Loop) -> Cycles:
-    """The cycles that a loop was averaged over."""
+def cycles_of(loop: Loop, n_harmonics: int = SHAPE_HARMONICS) -> Cycles:
+    """The cycles that a loop was averaged over, by so many harmonics as their samples resolve."""
     record, cut = loop.record, loop.cut
     number = cut.cycles
-    n_shape = int(max(1, min(6, 0.4 * cut.index.size / number.size)))
-    u, f = cycle_shapes(cut.phase, number, [record.displacement_mm, record.force_N], n_shape)
+    n_shape = int(max(1, min(n_harmonics, 0.4 * cut.index.size / number.size)))
+    # what the force still shows of the time before the record is none of its first cycle: the next one's part stands in
+    before = (cut.phase >= 0) & (cut.phase < cut.late)
+    force = np.where(before, np.interp(cut.phase + 1, cut.phase, record.force_N), record.force_N)
+    u, f = cycle_shapes(cut.phase, number, [record.displacement_mm, force], n_shape)
     middle = np.interp(number + 0.5, cut.phase, record.time_s)
     # of a multisine the strongest harmonic tells: its fundamental may be nothing
     order = 1 + int(np.argmax(np.abs(np.mean(u[:, 1 : n_shape + 1] + 1j * u[:, n_shape + 1 :], axis=0))))
@@ -84,7 +88,7 @@ def disturbances(loop: Loop) -> list[str]:
         stretches += _stretches(loop, name, values, float(np.ptp(mean_loop)))
     if loop.n_cycles < FEWEST:  # a channel that is dead for a while is seen among three, what is off by some is not
         notes = _jumped(loop, *_short_cycle(loop)) if loop.record.clock else []
-        return notes + ([] if loop.cut.late else _force_amplitude(loop, each))
+        return notes + _force_amplitude(loop, each)
     notes = _phase(loop, each) if loop.record.clock else []
     notes += _drive_amplitude(loop, each)
     notes += _force_amplitude(loop, each)

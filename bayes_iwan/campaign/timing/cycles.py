@@ -82,15 +82,15 @@ def crossings(
     pieces = [(seen[i], seen[i + 1] + 1) for i in turns]
     times = [_zero(time[a:b], v[a:b], 0.0) for a, b in pieces]
     if seen.size and (ends or len(times) < FEW_CROSSINGS):  # a record that was cut at a crossing
-        step = float(np.median(np.diff(time)))
+        step, final = (float(np.median(np.diff(x))) for x in (time[:9], time[-9:]))  # of a clock that levels may change
         first, last = slice(0, max(seen[0], 1) + 1), slice(min(seen[-1], time.size - 2), None)
         # one step or so from the middle, and not on a plateau where the record happens to begin or end
         if state[seen[0]] > 0 and 0 <= v[1] - v[0] >= (v[0] - limit) / AT_END:
             at = _zero(time[first], v[first], AT_END * step)
             times = [at, *times] if time[0] - AT_END * step < at <= time[0] + AT_END * step else times
         if state[seen[-1]] < 0 and 0 <= v[-1] - v[-2] >= (-v[-1] - limit) / AT_END:
-            at = _zero(time[last], v[last], AT_END * step)
-            times = [*times, at] if time[-1] - AT_END * step <= at < time[-1] + AT_END * step else times
+            at = _zero(time[last], v[last], AT_END * final)
+            times = [*times, at] if time[-1] - AT_END * final <= at < time[-1] + AT_END * final else times
     return np.array(times)
 
 

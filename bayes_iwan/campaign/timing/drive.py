@@ -66,6 +66,7 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
 
     smallest : of the largest stroke; smaller ones are not seen as cycles.
     """
+    given = time_s, displacement
     low, high = np.percentile(displacement, [0.5, 99.5])
     half = (high - low) / 2
     if not half > 0:
@@ -109,6 +110,11 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
         within = sum(b - a for a, b in short if float(np.abs(np.diff(stepped[a:b], axis=0)).mean()) < steady)
         if len(short) > max(len(groups), 1) and within >= share * len(y):
             groups, kind = short, "levels"
+    if kind in ("drift", "unsteady") and smallest > SMALLEST_SPLIT:
+        # a crossing between two levels is off its place by as much as the band around the middle is wide
+        finer = assess_drive(*given, SMALLEST_SPLIT)
+        if finer is not None and finer.kind == "levels":
+            return finer
     levels = [Level(a, b, *_middle(y[a:b])) for a, b in groups]
     starts = times + (np.interp(times, time_s, whole_s) - np.clip(times, time_s[0], time_s[-1]))
     return Drive(starts, np.exp(y[:, 1]), size, tuple(levels), kind, tuple((whole[a], whole[b - 1]) for a, b in pauses))

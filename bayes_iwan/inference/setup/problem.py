@@ -11,9 +11,9 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.campaign import Loop
+from bayes_iwan.campaign.loops.averaging import fitted_loops
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.errors import InputError
 from bayes_iwan.inference.setup.config import Config, settings_of
 from bayes_iwan.inference.setup.likelihood import Likelihood, make_likelihood
 from bayes_iwan.inference.setup.loop_error import goal_function, harmonics_of
@@ -261,9 +261,7 @@ def make_problem(
     (3, 2, 128)
     """
     settings = settings_of(config)
-    fitted = tuple(x for x in loops if x.role != "held-out")
-    if not fitted:
-        raise InputError('no test is left to fit: every test has role = "held-out"')
+    fitted = fitted_loops(loops)
     scales = scales_of(fitted) if scales is None else scales
     parts = settings.model if fitted[0].record.clock else settings.model.without_speed
     model = iwan_model(scales, parts) if simulator is None else simulator

@@ -131,7 +131,8 @@ class Batch:
                         continue
                     second = self.lot_populations[b][q]
                     relative = first.relative and second.relative
-                    x, y = first.typical_draws, second.typical_draws
+                    # both were drawn with one seed: side by side they would move together
+                    x, y = first.typical_draws, np.roll(second.typical_draws, 1)
                     d = x / y if relative else x - y
                     low, middle, high = (float(v) for v in np.quantile(d, [0.05, 0.5, 0.95]))
                     larger = float(np.mean(x > y))

@@ -41,6 +41,7 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
         if i in hatched:
             bar.set(hatch="///", edgecolor="white", linewidth=0.0)
         text = f"{100 * width:.0f} %" + (f"  ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})" if interval else "")
+        text += ", longer than shown" if width > 1.15 else ""
         end = min(max(left + width, left), 1.15)
         if width >= 0.4 and i not in hatched:  # space inside the bar
             at, side, shift, colour = left, "left", 3, "black" if colour == ORANGE else "white"
@@ -52,7 +53,7 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
                     color=colour)  # fmt: skip
     falls = 1 + len(budget.causes)
     for k, (_, left, _, _, _) in zip(y[1:falls], rows[1:falls]):
-        ax.plot([left, left], [k - 1.31, k + 0.31], color="#888888", linewidth=0.6, zorder=0)
+        ax.plot([left, left], [k - 1.31, k + 0.31], color="#8A8A8A", linewidth=0.6, zorder=0)
     ax.set_yticks(y, [r[0] for r in rows])
     ax.set_xlim(0.0, 1.18)
     ax.set_xticks(np.linspace(0, 1, 5), [f"{p} %" for p in (0, 25, 50, 75, 100)])
@@ -109,7 +110,7 @@ def headline_figure(
 def _cycle_residual(ax: Axes, one: CycleResidual, causes: str) -> Axes:
     """One cycle's residual with and without the causes over what a right model leaves."""
     phase, band = np.arange(len(one.before_N)) / len(one.before_N), 2 * one.expected_N
-    ax.fill_between(phase, -band, band, color="#D9D9D9", linewidth=0, label="a right model leaves (2 sd)")
+    ax.fill_between(phase, -band, band, color="#DDDDDD", linewidth=0, label="a right model leaves (2 sd)")
     ax.plot(phase, one.before_N, color=RED, linestyle=(0, (5, 1.5)), label="model alone")
     if one.after_N is not None:
         ax.plot(phase, one.after_N, color=BLUE, label=f"with {causes}")
@@ -193,7 +194,7 @@ def moved_figure(moved: Mapping[str, Moved]) -> Figure:
     figure, axes = subplots(1, 1, 6.2, 0.25 * len(names) + 0.8)
     ax = axes[0, 0]
     y = np.arange(len(names))[::-1]
-    ax.axvspan(-1, 1, color="#E8E8E8", linewidth=0)
+    ax.axvspan(-1, 1, color="#DDDDDD", linewidth=0)
     ax.axvline(0.0, color=BLACK, linewidth=0.6)
     ax.hlines(y, 0.0, change, color=BLUE, linewidth=1.2)
     ax.plot(change, y, "o", color=BLUE)

@@ -136,7 +136,7 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
     shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
     titles = ("with the displacement (stiffness)", "with the velocity (damping)")
     for ax, values, title in zip(axes[0], (in_phase_N, quadrature_N), titles):
-        ax.bar(orders, 2.0 * reach, 0.86, bottom=-reach, color="#D9D9D9", label="a right model leaves (2 sd)", zorder=0)
+        ax.bar(orders, 2.0 * reach, 0.86, bottom=-reach, color="#DDDDDD", label="a right model leaves (2 sd)", zorder=0)
         for t, name in enumerate(names):
             ax.vlines(orders + offsets[t], 0.0, values[t, 1:], color=shades[t], linewidth=1.0)
             mark = {"marker": _TEST_MARKERS[t % 10], "markersize": 3.2}

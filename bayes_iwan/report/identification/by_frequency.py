@@ -56,7 +56,7 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         ax.axhspan(joint[1], joint[3], color=MODEL, alpha=0.3, linewidth=0)
         for x, name in zip(places, frequencies.groups):
             if name not in frequencies.alone:
-                half, grey = 1.645 * check.error[x], "#555555"
+                half, grey = 1.645 * check.error[x], "#777777"
                 ax.errorbar(x, check.estimate[x], half, fmt="s", color=grey, mfc="white", ms=4.5, elinewidth=1.0)
                 continue
             posterior = frequencies.alone[name]
@@ -108,7 +108,7 @@ def alone_loops_figure(frequencies: Frequencies) -> Figure:
     for ax, (loop, posterior) in zip(axes, tests):
         joint, alone = (swing(p.forces(200, loops=(loop,))[:, 0]) for p in (frequencies.joint, posterior))
         middle = np.median(joint, axis=0)
-        ax.plot(loop.phase, swing(loop.force_N) - middle, color="#9A9A9A", linewidth=0.6, zorder=1)
+        ax.plot(loop.phase, swing(loop.force_N) - middle, color="#999999", linewidth=0.6, zorder=1)
         band(ax, loop.phase, alone - middle)
         for edge in np.quantile(joint - middle, [0.05, 0.95], axis=0):
             ax.plot(loop.phase, edge, color=RED, linestyle=(0, (4, 2)), linewidth=0.9)

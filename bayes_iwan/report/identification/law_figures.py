@@ -89,7 +89,7 @@ def stiffness_figure(posterior: Posterior, prior: bool = True) -> Figure:
     alpha = np.linspace(0.0, max(1.2, 1.25 * high), 121)
     figure, axes = subplots(1, 1, 4.6, 3.1)
     ax = axes[0, 0]
-    ax.axvspan(low, high, color="#F3EFDD", linewidth=0, label="α in the tests")
+    ax.axvspan(low, high, color="#DDDDDD", linewidth=0, label="α in the tests")
 
     def k(of: ParameterValues) -> Array:
         return law.k(of, np.broadcast_to(alpha, (len(of["kp_N_mm"]), 1, len(alpha))))[:, 0]

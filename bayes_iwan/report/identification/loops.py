@@ -79,7 +79,7 @@ def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = Tr
     if cycles:
         for u, force in measured_cycles(loop, 12):
             friction_N = force - p.zero_N[t] - np.polyval(line, u)
-            ax.plot(u, friction_N, color="#9A9A9A", linewidth=0.5, rasterized=True, zorder=1)
+            ax.plot(u, friction_N, color="#999999", linewidth=0.5, rasterized=True, zorder=1)
     off = np.polyval(line, p.displacement_mm[t])
     for branch in _branches(p.displacement_mm[t]):
         u = p.displacement_mm[t, branch]
@@ -130,7 +130,7 @@ def loops_figure(
         ax.set_title(test_name(p.loops[t]))
         ax.locator_params(axis="x", nbins=5 if figure.get_figwidth() > 4.5 else 3)
     _labels(figure, axes, "displacement u (mm)", "friction force (N)" if friction else "force (N)")
-    lines = [Line2D([], [], label="measured cycles", color="#9A9A9A", linewidth=0.8)] if cycles else []
+    lines = [Line2D([], [], label="measured cycles", color="#999999", linewidth=0.8)] if cycles else []
     lines += [Line2D([], [], label="measured, average", color=BLACK, linestyle=_DOTTED)]
     _key(figure, axes, [*lines, Line2D([], [], label="model, median", color=MODEL)], "50 % of cycles", "90 %")
     return figure

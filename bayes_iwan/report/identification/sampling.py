@@ -104,8 +104,8 @@ def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
             symbol = posterior.problem.prior.free[i].symbol
             ax.plot(steps, tau[:, i], marker="o", markersize=3, label=symbol, **series(rank))
         else:
-            ax.plot(steps, tau[:, i], color="#AAAAAA", linewidth=0.6)
-    ax.plot(steps, steps / taus, color="#444444", linestyle=(0, (2, 2)), linewidth=0.9, label=f"steps / {taus:g}")
+            ax.plot(steps, tau[:, i], color="#BBBBBB", linewidth=0.6)
+    ax.plot(steps, steps / taus, color="#777777", linestyle=(0, (2, 2)), linewidth=0.9, label=f"steps / {taus:g}")
     ax.set(xscale="log", yscale="log")
     for axis, low, high in ((ax.xaxis, steps[0], steps[-1]), (ax.yaxis, *ax.get_ylim())):
         decimal_ticks(axis, low, high)

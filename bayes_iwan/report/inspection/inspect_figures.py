@@ -34,7 +34,7 @@ def loops(tests: Sequence[Inspection], units: Units, linear: bool = True) -> Fig
         mean = float(test.loop.harmonics_N[0].real)
         zero = 0.0 if linear else mean
         for u, force in measured_cycles(test.loop, CYCLES):
-            ax.plot(u, force - zero - slope * u, color="#A8A8A8", linewidth=0.5, rasterized=True)
+            ax.plot(u, force - zero - slope * u, color="#999999", linewidth=0.5, rasterized=True)
         u, force = test.loop.displacement_mm, test.loop.force_N - zero - slope * test.loop.displacement_mm
         ax.plot(_closed(u), _closed(force), color="black", linewidth=1.3)
         ax.set_title(units.text(test_name(test.loop)))
@@ -144,18 +144,18 @@ def drift(tests: Sequence[Inspection], units: Units) -> Figure:
 
 @styled
 def drive(tests: Sequence[Inspection], units: Units) -> Figure:
-    """Harmonics of the displacement over its fundamental, one line a test; what noise hides is omitted."""
+    """Harmonics of the displacement over its strongest, one line a test; what noise hides is omitted."""
     figure, axes = subplots(1, 1, 6.4, 3.2)
     ax = axes[0, 0]
     orders = np.arange(2, 11)
     for k, test in enumerate(tests):
-        percent = 100 * np.where(test.drive_harmonics[1:] > 1e-7, test.drive_harmonics[1:], np.nan)
+        percent = 100 * np.where(test.drive_harmonics[1:10] > 1e-7, test.drive_harmonics[1:10], np.nan)
         line, label = points(k) | {"linestyle": series(k)["linestyle"]}, units.text(test_name(test.loop, role=False))
         ax.plot(orders, percent, linewidth=0.8, label=label, **line)
     ax.set_yscale("log")
     decimal_ticks(ax.yaxis, *ax.get_ylim())
     ax.set_xticks(orders)
-    ax.set(xlim=(1.5, 10.5), xlabel="harmonic of the drive", ylabel="share of the fundamental (%)")
+    ax.set(xlim=(1.5, 10.5), xlabel="harmonic of the drive", ylabel="share of the strongest harmonic (%)")
     if len(tests) <= 12:
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

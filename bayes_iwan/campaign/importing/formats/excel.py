@@ -2,12 +2,13 @@
 
 import datetime
 import zipfile
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from bayes_iwan.campaign.importing.formats.text import read_lines
 from bayes_iwan.campaign.importing.formats.text_layout import Layout
-from bayes_iwan.campaign.importing.recordings import Recording, library
+from bayes_iwan.campaign.importing.recordings import NoSignals, Recording, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.table import FREE_EXPANSION, LARGEST_EXPANSION
 
@@ -24,7 +25,7 @@ def read_excel(path: Path, file: str) -> list[Recording]:
             names, size = packed.namelist(), sum(x.file_size for x in packed.infolist())
         if "xl/workbook.xml" not in names:
             what = f"NumPy arrays; {NUMPY}" if names and all(x.endswith(".npy") for x in names) else UNPACK
-            raise CampaignError(f"{file}: {what}")
+            raise NoSignals(f"{file}: {what}")
         if size > max(FREE_EXPANSION, LARGEST_EXPANSION * path.stat().st_size):
             raise CampaignError(f"{file}: unpacks to {size // 1_000_000} MB, which no workbook does; save it as CSV")
         book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
@@ -44,15 +45,10 @@ def read_excel(path: Path, file: str) -> list[Recording]:
     for title, rows in sheets.items():
         width = max((k for row in rows for k, cell in enumerate(row, 1) if cell), default=0)
         lines = ["\t".join((row + [""] * width)[:width]) for row in rows]
-        try:
-            found = read_lines(file, lines, Layout(separator="\t"), f"sheet {title!r}")
-        except CampaignError as error:
-            if "no rows of numbers" in str(error):
-                continue  # a sheet of remarks
-            raise
-        out += found
+        with suppress(NoSignals):  # a sheet of remarks
+            out += read_lines(file, lines, Layout(separator="\t"), f"sheet {title!r}")
     if not out:
-        raise CampaignError(f"{file}: no rows of numbers in any sheet; are its formulas worked out and saved?")
+        raise NoSignals(f"{file}: no rows of numbers in any sheet; are its formulas worked out and saved?")
     return [replace(x, part=x.part if len(out) > 1 else "") for x in out]
 
 

@@ -17,7 +17,15 @@ import numpy as np
 from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.formats.stamps import seconds
-from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording, channel, from_first, library
+from bayes_iwan.campaign.importing.recordings import (
+    FEWEST_SAMPLES,
+    Channel,
+    NoSignals,
+    Recording,
+    channel,
+    from_first,
+    library,
+)  # fmt: skip
 from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
@@ -235,7 +243,7 @@ def _recordings(
                 channels += [channel(f"{name}({k})", "", c, rate, None, name) for k, c in enumerate(columns.T, 1)]
     kept = [c for c in channels if c is not None]
     if not kept:
-        raise CampaignError(f"{file}: no signals of 16 samples or more in it: {otherwise}")
+        raise NoSignals(f"{file}: no signals of 16 samples or more in it: {otherwise}")
     short = [(k, x) for k, v in arrays if np.size(v) < FEWEST_SAMPLES and k not in starts for x in np.real(np.ravel(v))]
     said = not_applied([*(f"{k} = {float(x):g}" for k, x in short), *map(" = ".join, texts.items())])
     return [replace(x, warnings=said, began_s=began) for x in _parts(file, kept, what)]

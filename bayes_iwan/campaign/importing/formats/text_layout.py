@@ -12,7 +12,7 @@ from functools import lru_cache
 from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS
 from bayes_iwan.campaign.importing.formats.stamps import is_stamp
 from bayes_iwan.campaign.importing.names import WORDS, named
-from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES
+from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, NoSignals
 from bayes_iwan.campaign.importing.unit_texts import is_unit, is_volts, role_of
 from bayes_iwan.campaign.recording.records import CampaignError
 
@@ -160,7 +160,7 @@ def _encoding(file: str, raw: bytes) -> str:
     if (k := raw.find(b"\0")) >= 0:
         line = raw.count(b"\n", 0, k) + 1
         if not re.search(rb"\n[^\n]*\d[^\n]*\n", raw[:k]) or not raw[:k].isascii():
-            raise CampaignError(f"{file}: {NO_TEXT}")
+            raise NoSignals(f"{file}: {NO_TEXT}")
         raise CampaignError(
             f"{file} line {line}: zero bytes: the file was not written to its end; copy or export it again"
         )
@@ -171,7 +171,7 @@ def _encoding(file: str, raw: bytes) -> str:
         return "utf-8"
     except UnicodeDecodeError:
         if re.search(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]", start):
-            raise CampaignError(f"{file}: {NO_TEXT}") from None
+            raise NoSignals(f"{file}: {NO_TEXT}") from None
     words = {name: _understood(start.decode(name, "replace")) for name in ENCODINGS}
     return max(words, key=lambda name: words[name])
 
@@ -219,7 +219,7 @@ def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> t
                     first = next(some[0] for some in runs if some)  # not numbers among names
                     best = (len(fit), sum(fit), style, first, width)
     if best is None or best[0] < 2:
-        raise CampaignError(
+        raise NoSignals(
             f"{file}: no rows of numbers found; say how it is written with --separator, --decimal, --encoding"
         )
     style, first, width = best[2:]
