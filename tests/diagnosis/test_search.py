@@ -11,12 +11,10 @@ from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Kind
 from bayes_iwan.diagnosis.diagnosis import diagnose_loops
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
-from bayes_iwan.diagnosis.search import model_search as searching
-from bayes_iwan.diagnosis.search import refits
 from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, has_gap, newton_nats, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import candidate, start_points, stepped_on, weighed_alike
 from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, calibrated, silent
-from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, fit_singles, grow, search
+from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, grow, search
 from bayes_iwan.diagnosis.search.search_result import LAST
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
@@ -225,25 +223,6 @@ def test_a_law_that_only_its_shape_tells_from_the_base_is_found(kit):
 def test_sudden_effects_are_refitted_where_there_is_a_gap(kit):
     fits = kit.diagnosed("viscous_damping", "held out").search.fits
     assert frozenset({"force_clipping"}) in fits and frozenset({"end_stop"}) in fits
-
-
-def test_what_acts_along_the_record_is_refitted_where_the_gap_is_there_whatever_a_step_promises(kit, monkeypatch):
-    def hopeless(*given):
-        one = candidate(*given)
-        return replace(one, gain=-1e3, score=-1e3) if one.effect.evolving else one
-
-    monkeypatch.setattr(refits, "candidate", hopeless)
-    monkeypatch.setattr(searching, "SINGLE_MOST", 0)
-    virtual = kit.rig_records("friction_fade")
-    fading = gap_data([x for x in kit.campaign_of(virtual).loops(**kit.small) if x.role == "fit"])
-    steady = gap_data([x for x in kit.campaign_of(kit.rig_records(None)).loops(**kit.small) if x.role == "fit"])
-    fitted = {}
-    for name, data in (("fading", fading), ("steady", steady)):
-        kinds = {n: catalogue.variants()[n] for n in ("friction_fade", "spring_softening", "moving_mass")}
-        found = explorer(kit, data, kinds)
-        fit_singles(found)
-        fitted[name] = set(found.fits)
-    assert frozenset({"friction_fade"}) in fitted["fading"] and frozenset({"friction_fade"}) not in fitted["steady"]
 
 
 def test_strengths_are_brought_to_the_specimens_scale(kit):

@@ -47,15 +47,9 @@ def cheapest(data: GapData, problem: Problem, z: Array, most: int) -> Array:
     return z[np.argsort(np.where(np.isfinite(cost), cost, np.inf))[:most]]
 
 
-def gap_parts_N(data: GapData, fit: Fit) -> tuple[float, float]:
-    """RMS gap that a fit's model leaves where it misses least, and of its part that changes along the record, N."""
-    size = gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS)
-    return size.all.rms_N, size.along.rms_N
-
-
 def gap_rms_N(data: GapData, fit: Fit) -> float:
     """RMS gap that a fit's model leaves where it misses least, N."""
-    return gap_parts_N(data, fit)[0]
+    return gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS).all.rms_N
 
 
 def quick_gap_N(data: GapData, fit: Fit) -> float:
