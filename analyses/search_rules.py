@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import pickle
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,12 @@ Patch = tuple[Any, str, Any]
 
 
 def one_start(found: FittedSets, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
-    return Refit(one.problem, one.starts, one.starts[:0])
+    return Refit(one.problem, one.starts)
 
 
 def first_singles(found: FittedSets) -> None:
     """The SINGLE_MOST most promising alone, whatever they promise."""
-    names = list(dict.fromkeys(x.name for x in found.offered(found.base)))[: model_search.SINGLE_MOST]
-    found.add([x for x in found.offered(found.base) if x.name in names], found.base)
+    found.add(found.offered(found.base)[: model_search.SINGLE_MOST], found.base)
 
 
 def once_without(found: FittedSets, fit: Fit, name: str) -> Fit:
@@ -42,12 +42,9 @@ def once_without(found: FittedSets, fit: Fit, name: str) -> Fit:
     return known if known is not None else _without(found, fit, name)
 
 
-def never_sound(found: FittedSets) -> bool:
-    return False
-
-
 _without = FittedSets.without
 NONE: frozenset[str] = frozenset()
+STEADY = SimpleNamespace(along=SimpleNamespace(rms_N=0.0))
 
 RULES: dict[str, list[Patch]] = {
     "nothing": [],
@@ -58,17 +55,14 @@ RULES: dict[str, list[Patch]] = {
         (candidates, "sound_gap_N", lambda data: np.inf),
         (FittedSets, "_start", one_start),
     ],
-    "base fitted again": [(model_search, "fit_base_again", lambda found: False)],
-    "exchanging": [(model_search, "ROUNDS", 0)],
-    "a second round of exchanging": [(model_search, "ROUNDS", 1)],
-    "a smaller set fitted again from each larger one": [(FittedSets, "without", once_without)],
+    "a smaller set, the base too, fitted again from larger ones": [(FittedSets, "without", once_without)],
+    "exchanging": [(model_search, "settle", lambda found, current: current)],
     "singles beyond the seven most promising": [(model_search, "fit_singles", first_singles)],
+    "all that acts along a record that changes": [(model_search, "gap_of", lambda data, fit: STEADY)],
+    "a sound gap ends the search": [(model_search, "as_sound", lambda found: False)],
     "what is flexible last": [(x, "LAST", NONE) for x in (fitted_sets, model_search)],
-    "a sound gap ends the search": [(model_search, "as_sound", never_sound)],
     "two of each size grow": [(model_search, "BEAM", 1)],
     "four are tried with each": [(model_search, "BRANCH", 2)],
-    "two laws of an effect": [(candidates, "LAWS_MOST", 1)],
-    "two starts of an effect": [(candidates, "EFFECT_STARTS", 1)],
 }
 
 

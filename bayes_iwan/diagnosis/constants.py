@@ -36,22 +36,15 @@ USUAL_GAP: Final = 0.004
 # ---- how far the search goes (search/model_search.py)
 
 #: single effects are refitted if they promise PROMISE nats or, where the gap is more than a sound specimen's, are among
-#: so many most promising ones or sudden
+#: so many most promising ones
 SINGLE_MOST: Final = 7
 #: nats that one Gauss–Newton step must promise for an effect to be refitted
 PROMISE: Final = 6.0
-#: where this share of a gap is change along the record, all that acts there is refitted: one step of a fade that
-#: recovers leads nowhere, though it may be the whole cause
-CHANGING: Final = 0.3
-#: laws of one effect that are refitted, the most promising first
-LAWS_MOST: Final = 2
-#: sets of each size that grow, and effects that each is tried with
+#: sets of each size that grow (from those of one effect the base is fitted again), and effects that each is tried with
 BEAM: Final = 2
 BRANCH: Final = 4
 #: effects in a set, at most; model-form effects are not counted
 MOST_EFFECTS: Final = 4
-#: rounds of dropping and exchanging
-ROUNDS: Final = 2
 #: what removes less of the friction force is not named: two sensors of one kind differ by as much
 LEAST_OF_FRICTION: Final = 0.001
 

@@ -1,4 +1,4 @@
-"""Effects with numbers of their own in every test: which of them are tried, and which of their laws is kept."""
+"""Effects with numbers of their own in every test: which of them are tried."""
 
 from dataclasses import replace
 

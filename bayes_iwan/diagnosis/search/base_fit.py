@@ -1,15 +1,15 @@
-"""The base model alone: its fit from many starts, the gap that it leaves, and whether that is any."""
+"""The base model alone: its fit from many starts and the gap that it leaves."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, NEWTON_NATS, USUAL_GAP
+from bayes_iwan.diagnosis.constants import NEWTON_NATS, USUAL_GAP
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.discrepancy_size import FIRST
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_problem, fit_model, in_newtons
-from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2, gap_size
+from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_power_N2, gap_size
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.inference.setup.loop_scales import Scales
@@ -47,15 +47,14 @@ def cheapest(data: GapData, problem: Problem, z: Array, most: int) -> Array:
     return z[np.argsort(np.where(np.isfinite(cost), cost, np.inf))[:most]]
 
 
-def gap_parts_N(data: GapData, fit: Fit) -> tuple[float, float]:
-    """RMS gap that a fit's model leaves where it misses least, and of its part that changes along the record, N."""
-    size = gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS)
-    return size.all.rms_N, size.along.rms_N
+def gap_of(data: GapData, fit: Fit) -> GapSize:
+    """The gap that a fit's model leaves where it misses least."""
+    return gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS)
 
 
 def gap_rms_N(data: GapData, fit: Fit) -> float:
-    """RMS gap that a fit's model leaves where it misses least, N."""
-    return gap_parts_N(data, fit)[0]
+    """The same, RMS, N."""
+    return gap_of(data, fit).all.rms_N
 
 
 def quick_gap_N(data: GapData, fit: Fit) -> float:
@@ -77,10 +76,3 @@ def newton_nats(gap_N: float, sound_N: float, tests: int) -> float:
     that knew one harmonic of each test and nothing of the other tests: by ln of its square, once a test.
     """
     return -0.5 * NEWTON_NATS * tests * float(np.log(gap_N**2 + sound_N**2))
-
-
-def has_gap(data: GapData, base: Fit) -> bool:
-    """Does the base miss more than noise in any test or part of the gap, or could it, beyond what would be named?"""
-    size = gap_size(residual_of(data, in_newtons(data, base)), draws=DRAWS)
-    parts = (size.all, size.loop, size.along, size.mains, *size.tests)
-    return size.all.share_high > LEAST_OF_FRICTION or any(g.low_N > 0.0 for g in parts)

@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.diagnosis.constants import LAWS_MOST
 from bayes_iwan.diagnosis.fits.data import GapData, predicted
 from bayes_iwan.diagnosis.fits.discrepancy_size import FIRST, DiscrepancySize, normal_equations
 from bayes_iwan.diagnosis.fits.evidence import Fit, newton_size
@@ -20,7 +19,6 @@ from bayes_iwan.inference.setup.problem import Problem
 #: z of the strength, signed or not, and of extra parameters at which an effect is tried
 STRENGTHS = {False: (-2.0, -1.0, -0.2, 0.6, 1.4, 2.2), True: (-1.2, -0.4, 0.4, 1.2)}
 EXTRAS = (-1.6, -0.8, 0.0, 0.8, 1.6)
-EFFECT_STARTS = 2
 #: smallest share of the friction level at which a step is assessed
 LEAST_SHARE = 1e-3
 #: step of the differences behind a trial's own Jacobian, and the longest step that is believed of it, in prior sd
@@ -41,17 +39,6 @@ class Candidate:
     @property
     def name(self) -> str:
         return self.effect.name
-
-
-def leading(some: Sequence[Candidate]) -> list[Candidate]:
-    """Of candidates, the most promising first, LAWS_MOST laws of each effect."""
-    seen: dict[str, int] = {}
-    out = []
-    for one in some:
-        seen[one.name] = seen.get(one.name, 0) + 1
-        if seen[one.name] <= LAWS_MOST:
-            out.append(one)
-    return out
 
 
 def on_top(smaller: Fit, effect: Effect) -> Problem:
@@ -76,19 +63,19 @@ def candidate(data: GapData, smaller: Fit, alike: Fit, gap_N: float, effect: Eff
     with np.errstate(all="ignore"):
         by_model = predicted(data, problem, points)
         residual = rows.residual_from(by_model)
-    starts, gain = promising(rows, points, residual, smaller, at, EFFECT_STARTS)
+    start, gain = promising(rows, points, residual, smaller, at)
     if effect.strength_name not in problem.names:  # a number for each test: nothing of it is in any start
         gain = stepped(rows, points[0], smaller, at)
     if gap_N <= sound_gap_N(data):
-        return Candidate(effect, problem, starts, gain, gain)
+        return Candidate(effect, problem, start[None], gain, gain)
     plain = Rows(data, problem, alike.size.between)
     with np.errstate(all="ignore"):
-        nearest, less = promising(plain, points, plain.residual_from(by_model), alike, alike.size, 1)
+        nearest, less = promising(plain, points, plain.residual_from(by_model), alike, alike.size)
     removes = less / max(_cost(plain, alike, alike.size), 1e-300)
     left_N = gap_N * float(np.sqrt(np.clip(1.0 - removes, 0.0, 1.0)))
     sound_N = sound_gap_N(data)
     score = gain + newton_nats(left_N, sound_N, data.tests) - newton_nats(gap_N, sound_N, data.tests)
-    return Candidate(effect, problem, np.concatenate([starts, nearest]), gain, score)
+    return Candidate(effect, problem, np.stack([start, nearest]), gain, score)
 
 
 def failing(data: GapData, smaller: Fit, effect: Effect) -> str:
@@ -131,12 +118,10 @@ def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Se
     return np.array(out)
 
 
-def promising(
-    rows: Rows, points: Array, residual: Array, smaller: Fit, size: DiscrepancySize, most: int
-) -> tuple[Array, float]:
-    """Of trial points (n, ndim) with their residuals (n, m): where the `most` whose cost is least after one step of the
-    smaller model's parameters lead in one step of all parameters, where that helps, and the promised gain in nats of
-    the best over the smaller model."""
+def promising(rows: Rows, points: Array, residual: Array, smaller: Fit, size: DiscrepancySize) -> tuple[Array, float]:
+    """Of trial points (n, ndim) with their residuals (n, m): where that whose cost is least after one step of the
+    smaller model's parameters leads in one step of all parameters, where that helps, and its promised gain in nats over
+    the smaller model."""
     names = rows.problem.names
     at = [names.index(n) for n in smaller.problem.names]
     variance = smaller.linear.variance(size)
@@ -152,16 +137,14 @@ def promising(
     gain = np.einsum("ni,ni->n", b, np.linalg.solve(precision, b.T).T)
     cost = np.sum(shared**2, axis=1) + np.sum(others**2, axis=1) + np.sum(points**2, axis=1) - gain
     cost = np.where(good, cost, np.inf)
-    order = np.argsort(cost)[:most]
-    starts, least = points[order].copy(), cost[order]
-    own = [i for i in range(len(names)) if i not in at]
-    for n, i in enumerate(order):
-        if good[i]:
-            moved, its_cost = stepped_on(rows, points[i], r[i], j, at, own, rows.sd(size))
-            if its_cost < least[n]:
-                starts[n], least[n] = moved, its_cost
-    better = np.argsort(least)
-    return starts[better], _cost(rows, smaller, size) - 0.5 * float(least[better[0]])
+    i = int(np.argmin(cost))
+    start, least = points[i], float(cost[i])
+    if good[i]:
+        own = [i for i in range(len(names)) if i not in at]
+        moved, its_cost = stepped_on(rows, start, r[i], j, at, own, rows.sd(size))
+        if its_cost < least:
+            start, least = moved, its_cost
+    return start, _cost(rows, smaller, size) - 0.5 * least
 
 
 def stepped_on(

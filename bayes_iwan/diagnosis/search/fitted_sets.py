@@ -15,16 +15,9 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
-from bayes_iwan.diagnosis.search.base_fit import (
-    BASE_POINTS,
-    fit_base,
-    gap_parts_N,
-    newton_nats,
-    quick_gap_N,
-    sound_gap_N,
-)
-from bayes_iwan.diagnosis.search.candidates import Candidate, failing, leading
-from bayes_iwan.diagnosis.search.refits import ITERATIONS, Refit, Refits
+from bayes_iwan.diagnosis.search.base_fit import BASE_POINTS, fit_base, newton_nats, quick_gap_N, sound_gap_N
+from bayes_iwan.diagnosis.search.candidates import Candidate, failing
+from bayes_iwan.diagnosis.search.refits import Refit, Refits
 from bayes_iwan.diagnosis.search.search_result import LAST, alike_pairs, look_alike, part, score
 from bayes_iwan.effects.base import TYPICAL_SHARE, Effect
 from bayes_iwan.effects.by_test import ByTest
@@ -64,8 +57,6 @@ class FittedSets:
         self.data, self.rng, self.report = data, rng, report
         self.fits: dict[frozenset[str], Fit] = {}
         self._gaps: dict[tuple[frozenset[str], float], float] = {}
-        self._parts: dict[tuple[frozenset[str], float], tuple[float, float]] = {}
-        self._left: set[tuple[frozenset[str], str, float]] = set()
         self._offers: dict[tuple[frozenset[str], float, bool], list[Candidate]] = {}  # found once for each fit
         self.failed: dict[str, str] = {}
         report("base model")
@@ -89,65 +80,49 @@ class FittedSets:
 
     # ---- the score
 
-    def scores(self, fits: Sequence[Fit]) -> list[float]:
-        """See :func:`.found.score`; gaps are found once for each fit, several side by side."""
+    def gaps_N(self, fits: Sequence[Fit]) -> list[float]:
+        """RMS gaps, N; found once for each fit, several side by side."""
         new = {(f.names, f.log_evidence): f for f in fits if (f.names, f.log_evidence) not in self._gaps}
         self._gaps |= zip(new, self.refits.asked(quick_gap_N, list(new.values())))
+        return [self._gaps[f.names, f.log_evidence] for f in fits]
+
+    def scores(self, fits: Sequence[Fit]) -> list[float]:
+        """See :func:`.found.score`."""
         sound_N, tests = sound_gap_N(self.data), self.data.tests
         return [
-            score(
-                f.log_evidence,
-                newton_nats(self._gaps[f.names, f.log_evidence], sound_N, tests),
-                f.names,
-                alike_pairs(self.effects, f.names),
-            )
-            for f in fits
+            score(f.log_evidence, newton_nats(gap_N, sound_N, tests), f.names, alike_pairs(self.effects, f.names))
+            for f, gap_N in zip(fits, self.gaps_N(fits))
         ]
 
-    def best(self, some: Iterable[frozenset[str]], most: int = 1) -> list[Fit]:
-        """The fits of the best score among some sets, the best first."""
+    def ranked(self, some: Iterable[frozenset[str]]) -> list[Fit]:
+        """The fits of some sets, that of the best score first."""
         fits = [self.fits[k] for k in some]
-        order = sorted(zip(self.scores(fits), range(len(fits))), reverse=True)
-        return [fits[i] for _, i in order[:most]]
+        return [fits[i] for i in np.argsort(-np.array(self.scores(fits)))]
 
     def sets(self, size: int) -> list[frozenset[str]]:
         """The fitted sets of a size that have nothing of LAST."""
         return [k for k in self.fits if len(k) == size and not k & LAST]
 
-    def gap_parts_N(self, fit: Fit) -> tuple[float, float]:
-        """See :func:`.base.gap_parts_N`; once for each fit."""
-        at = (fit.names, fit.log_evidence)
-        if at not in self._parts:
-            self._parts[at] = gap_parts_N(self.data, fit)
-        return self._parts[at]
-
     # ---- refits
 
-    def keep(self, problem: Problem, starts: Array, iterations: int = ITERATIONS) -> Fit | None:
-        """Fit a model; remember it if it is the best of its set. None where it has no finite force."""
-        (fit,) = self.refits([Refit(problem, starts, starts[:0], iterations)])
-        return self._kept(fit)
-
-    def _kept(self, fit: Fit | None) -> Fit | None:
-        if fit is None:
-            return None
-        old = self.fits.get(fit.names)
-        if old is None or gt(*self.scores([fit, old])):
-            self.fits[fit.names] = fit
-        return self.fits[fit.names]
+    def _keep(self, some: Sequence[Refit]) -> None:
+        """Refit models and remember each that is the best of its set."""
+        found, fits = self.refits(some), list[Fit | None]()
+        for one in some:
+            self.report("+".join(e.name for e in one.problem.effects) or "base model")
+            fits.append(next(found))
+        for fit in fits:  # when all are there: whoever refits them is asked again
+            old = None if fit is None else self.fits.get(fit.names)
+            if fit is not None and (old is None or gt(*self.scores([fit, old]))):
+                self.fits[fit.names] = fit
 
     def add(self, some: Sequence[Candidate], smaller: Fit, instead_of: Fit | None = None) -> None:
         """Refit candidates, from where each promised most, from where it was best beside the base alone, and from the
         others of the set that it is tried in."""
-        found, fits = self.refits([self._start(one, smaller, instead_of) for one in some]), list[Fit | None]()
-        for one in some:
-            self.report("+".join((*sorted(smaller.names), one.name)))
-            fits.append(next(found))
-        for fit in fits:  # when all are there: whoever refits them is asked again
-            self._kept(fit)
+        self._keep([self._start(one, smaller, instead_of) for one in some])
 
     def _start(self, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
-        starts, draws = one.starts, one.starts[:0]
+        starts, draws = one.starts, np.empty(0)
         alone = self.fits.get(frozenset({one.name}))
         if smaller.effects and alone is not None:
             z = dict(zip(smaller.problem.names, smaller.z)) | dict(zip(alone.problem.names, alone.z))
@@ -161,8 +136,9 @@ class FittedSets:
         return Refit(one.problem, starts, draws)
 
     def offered(self, smaller: Fit, last: bool = False) -> list[Candidate]:
-        """Candidates on top of a fit, LAST alone or all others, LAWS_MOST laws of each effect, the most promising
-        first; of two look-alikes that solve for the specimen's motion one, since one within the other costs most."""
+        """Candidates on top of a fit, LAST alone or all others, each effect by its most promising law, the most
+        promising first; of two look-alikes that solve for the specimen's motion one, since one within the other costs
+        most."""
         at = (smaller.names, smaller.log_evidence, last)
         if at not in self._offers:
             solved = [e for e in smaller.effects if "around" in e.stages]
@@ -175,22 +151,16 @@ class FittedSets:
                 for e in some
                 if e.possible(self.data)
             ]
-            found = self.refits.candidates(smaller, tried, self.gap_parts_N(smaller)[0])
-            self._offers[at] = leading(sorted(found, key=lambda c: -c.score))
+            found = self.refits.candidates(smaller, tried, *self.gaps_N([smaller]))
+            by_name = {c.name: c for c in sorted(found, key=lambda c: c.score)}
+            self._offers[at] = sorted(by_name.values(), key=lambda c: -c.score)
         return self._offers[at]
 
     def without(self, fit: Fit, name: str) -> Fit:
-        """The fit of the same set less one effect, from this fit's optimum too (tried once)."""
-        known, tried = self.fits.get(fit.names - {name}), (fit.names, name, fit.log_evidence)
-        if known is not None and tried in self._left:
-            return known
-        self._left.add(tried)
+        """The fit of the same set less one effect, from this fit's optimum too."""
         problem = fit.problem.with_effects([e for e in fit.effects if e.name != name])
-        starts = [part(fit, problem)]
-        if known is not None and known.problem.names == problem.names:
-            starts.append(known.z)
-        found = self.keep(problem, np.array(starts))
-        return found if found is not None else self.base
+        self._keep([Refit(problem, part(fit, problem)[None])])
+        return self.fits.get(fit.names - {name}, self.base)
 
 
 def calibrated(kind: Maker, scales: Scales, data: GapData, base: Problem, z: Array) -> Effect:

@@ -3,7 +3,7 @@ the data travel once."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -32,8 +32,7 @@ class Refit:
 
     problem: Problem
     starts: Array
-    draws: Array
-    iterations: int = ITERATIONS
+    draws: Array = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -55,26 +54,18 @@ class _Common:
 
 
 class Refits:
-    """Refits of models that extend `base`; effects : all that may be in them. None is made twice: rounds of exchanges
-    ask again for what the last one tried."""
+    """Refits of models that extend `base`; effects : all that may be in them."""
 
     def __init__(self, executor: Executor | None, data: GapData, base: Problem, effects: Sequence[Effect]) -> None:
         self._common = _Common(UserFiles.of((base.model, *effects)), data, base, tuple(effects))
         self._place = {id(e): i for i, e in enumerate(self._common.effects)}
         self._rounds = Rounds(executor, self._common)
-        self._made: dict[tuple[object, ...], Fit | None] = {}
 
     def __call__(self, some: Sequence[Refit]) -> Iterator[Fit | None]:
         """The fits in their order, None where a model has no finite force; the same bits wherever they are made."""
-        pieces = [(self._places(x.problem), x.starts, x.draws, x.iterations) for x in some]
-        keys = [(places, *(x.tobytes() for x in points), steps) for places, *points, steps in pieces]
-        new = {key: (x, piece) for key, x, piece in zip(keys, some, pieces) if key not in self._made}
-        found = zip(new.items(), self._rounds.results([piece for _, piece in new.values()], _refitted))
-        for key in keys:
-            if key not in self._made:
-                (made, (one, _)), parts = next(found)
-                self._made[made] = None if parts is None else Fit(one.problem, *parts)
-            yield self._made[key]
+        pieces = [(self._places(x.problem), x.starts, x.draws) for x in some]
+        for one, parts in zip(some, self._rounds.results(pieces, _refitted)):
+            yield None if parts is None else Fit(one.problem, *parts)
 
     def asked(self, work: Callable[[GapData, Fit], Answer], fits: Sequence[Fit]) -> list[Answer]:
         """work(data, fit) of every fit; work is a function of a module."""
@@ -102,13 +93,13 @@ def _parts(fit: Fit) -> tuple[Any, ...]:
 # what is done with a piece of work, in whatever process: places of the effects, then what it is done with
 
 
-def _refitted(common: _Common, piece: tuple[tuple[int, ...], Array, Array, int]) -> tuple[Any, ...] | None:
-    places, starts, draws, iterations = piece
+def _refitted(common: _Common, piece: tuple[tuple[int, ...], Array, Array]) -> tuple[Any, ...] | None:
+    places, starts, draws = piece
     problem = common.problem(places)
     if len(draws):
         starts = np.concatenate([starts, cheapest(common.data, problem, draws, len(starts))])
     try:
-        return _parts(fit_model(common.data, problem, starts, iterations))
+        return _parts(fit_model(common.data, problem, starts, ITERATIONS))
     except FitError:
         return None
 
