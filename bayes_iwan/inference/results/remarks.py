@@ -35,7 +35,7 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
     if posterior.quick:
         out.append(
             "Quick: the first draws of a short run, which was not asked whether it has converged; intervals are "
-            "approximate."
+            "rather too narrow."
         )
     elif not posterior.converged:
         out.append(f"The chains have not converged ({posterior.message}); read every interval as too narrow.")
