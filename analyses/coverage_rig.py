@@ -35,7 +35,7 @@ from bayes_iwan.inference.setup.loop_scales import loop_energy_mJ
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings
-from bayes_iwan.inference.solving.between_tests import stretched
+from bayes_iwan.inference.solving.jackknife import stretched
 from bayes_iwan.inference.solving.posterior_draws import QUICK
 from bayes_iwan.virtual_rig import cases as rig_cases
 from bayes_iwan.virtual_rig import simulate as rig

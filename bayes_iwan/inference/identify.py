@@ -26,7 +26,7 @@ from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
-from bayes_iwan.inference.solving.between_tests import stretched
+from bayes_iwan.inference.solving.jackknife import stretched
 from bayes_iwan.inference.solving.point import find_point, near_optima
 from bayes_iwan.inference.solving.posterior_draws import QUICK, Run, sampled
 from bayes_iwan.models import Simulator

@@ -106,7 +106,7 @@ class SamplingSettings:
     draws
         kept in the posterior.
     between_tests
-        make draws as wide as the tests disagree (:mod:`bayes_iwan.inference.solving.between_tests`).
+        make draws as wide as the tests disagree (:mod:`bayes_iwan.inference.solving.jackknife`).
     """
 
     ensembles: int = 4

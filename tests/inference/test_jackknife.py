@@ -7,7 +7,7 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.inference.solving.between_tests import between_tests, stretched, without_each_test
+from bayes_iwan.inference.solving.jackknife import between_tests, stretched, without_each_test
 from bayes_iwan.inference.solving.point import laplace_scale, most_probable
 
 SIMPLE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
