@@ -13,7 +13,7 @@ import numpy as np
 from bayes_iwan.diagnosis.constants import BEAM, BRANCH, MOST_EFFECTS, PROMISE, SINGLE_MOST
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
-from bayes_iwan.diagnosis.search.base_fit import has_gap
+from bayes_iwan.diagnosis.search.base_fit import has_gap, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import Candidate
 from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, Report, silent
 from bayes_iwan.diagnosis.search.search_result import LAST, Search, look_alike
@@ -24,10 +24,16 @@ from bayes_iwan.models import Simulator
 
 
 def fit_singles(found: FittedSets) -> None:
-    """Refit the most promising single effects, every one that promises anything, and those of which a first step tells
-    little."""
-    offered = found.offered(found.base)
-    found.add([x for i, x in enumerate(offered) if i < SINGLE_MOST or x.gain > PROMISE or x.effect.sudden], found.base)
+    """Refit every single effect that promises anything; where the base misses more than it does of a sound specimen,
+    the first ones anyway, and those of which a first step tells little."""
+    most = 0 if as_sound(found) else SINGLE_MOST
+    offered = enumerate(found.offered(found.base))
+    found.add([x for i, x in offered if x.gain > PROMISE or i < most or (most and x.effect.sudden)], found.base)
+
+
+def as_sound(found: FittedSets) -> bool:
+    """Does the base miss no more than it does of a sound specimen?"""
+    return found.gaps_N([found.base])[0] <= sound_gap_N(found.data)
 
 
 def promising(offered: Sequence[Candidate], most: int) -> list[Candidate]:
@@ -93,7 +99,8 @@ def search(
     if not has_gap(data, found.base):
         return Search(data, scales, settings, found.fits, (), {frozenset(): 0.0}, found.effects, found.failed)
     fit_singles(found)
-    settle(found, add_model_form(found, grow(found, most)))
+    if found.ranked(found.fits)[0].effects or not as_sound(found):  # only what helps alone grows
+        settle(found, add_model_form(found, grow(found, most)))
     current = found.ranked(found.fits)[0]
     for name in current.names:  # what is assessed beside it
         found.without(current, name)
