@@ -158,11 +158,10 @@ class FittedSets:
         return self._offers[at]
 
     def without(self, fit: Fit, name: str) -> Fit:
-        """The fit of the same set less one effect, from this fit's optimum where there is none yet."""
+        """The fit of the same set less one effect, from this fit's optimum too."""
         less = fit.names - {name}
-        if less not in self.fits:
-            problem = fit.problem.with_effects([e for e in fit.effects if e.name != name])
-            self._keep([Refit(problem, part(fit, problem)[None])], ["+".join(sorted(less))])
+        problem = fit.problem.with_effects([e for e in fit.effects if e.name != name])
+        self._keep([Refit(problem, part(fit, problem)[None])], ["+".join(sorted(less))])
         return self.fits.get(less, self.base)
 
 
