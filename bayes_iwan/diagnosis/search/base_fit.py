@@ -9,7 +9,7 @@ from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, NEWTON_NATS, USUAL
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.discrepancy_size import FIRST
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_problem, fit_model, in_newtons
-from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2, gap_size
+from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_power_N2, gap_size
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.inference.setup.loop_scales import Scales
@@ -47,9 +47,14 @@ def cheapest(data: GapData, problem: Problem, z: Array, most: int) -> Array:
     return z[np.argsort(np.where(np.isfinite(cost), cost, np.inf))[:most]]
 
 
+def gap_of(data: GapData, fit: Fit) -> GapSize:
+    """The gap that a fit's model leaves where it misses least."""
+    return gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS)
+
+
 def gap_rms_N(data: GapData, fit: Fit) -> float:
-    """RMS gap that a fit's model leaves where it misses least, N."""
-    return gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS).all.rms_N
+    """The same, RMS, N."""
+    return gap_of(data, fit).all.rms_N
 
 
 def quick_gap_N(data: GapData, fit: Fit) -> float:
@@ -75,6 +80,6 @@ def newton_nats(gap_N: float, sound_N: float, tests: int) -> float:
 
 def has_gap(data: GapData, base: Fit) -> bool:
     """Does the base miss more than noise in any test or part of the gap, or could it, beyond what would be named?"""
-    size = gap_size(residual_of(data, in_newtons(data, base)), draws=DRAWS)
+    size = gap_of(data, base)
     parts = (size.all, size.loop, size.along, size.mains, *size.tests)
     return size.all.share_high > LEAST_OF_FRICTION or any(g.low_N > 0.0 for g in parts)

@@ -13,7 +13,7 @@ import numpy as np
 from bayes_iwan.diagnosis.constants import BEAM, BRANCH, MOST_EFFECTS, PROMISE, SINGLE_MOST
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
-from bayes_iwan.diagnosis.search.base_fit import has_gap, sound_gap_N
+from bayes_iwan.diagnosis.search.base_fit import gap_of, has_gap, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import Candidate
 from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, Report, silent
 from bayes_iwan.diagnosis.search.search_result import LAST, Search, look_alike
@@ -24,11 +24,13 @@ from bayes_iwan.models import Simulator
 
 
 def fit_singles(found: FittedSets) -> None:
-    """Refit every single effect that promises anything; where the base misses more than it does of a sound specimen,
-    the first ones anyway, and those of which a first step tells little: one of a fade that recovers leads nowhere.
-    Once more from a better base: one that is not at its optimum is the commonest false gap."""
+    """Refit every single effect that promises anything. Where the base misses more than it does of a sound specimen,
+    the first ones anyway, and those of which a first step tells little: where that much changes along the record, all
+    that acts there, since one step of a fade that recovers leads nowhere. Once more from a better base: one that is not
+    at its optimum is the commonest false gap."""
     base, offered, most = found.base, found.offered(found.base), 0 if as_sound(found) else SINGLE_MOST
-    little = {x.name for x in offered if most and (x.effect.sudden or x.effect.evolving)}
+    changing = most and gap_of(found.data, base).along.rms_N > sound_gap_N(found.data)
+    little = {x.name for x in offered if (most and x.effect.sudden) or (changing and x.effect.evolving)}
     found.add([x for i, x in enumerate(offered) if x.gain > PROMISE or i < most or x.name in little], base)
     for fit in found.ranked(found.sets(1))[:BEAM]:
         found.without(fit, *fit.names)
