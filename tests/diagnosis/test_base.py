@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.search.base_fit import fit_base, has_gap
+from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_of
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.models import Model, Reference
@@ -22,4 +22,4 @@ def test_table_1_at_2_and_5_mm_is_fitted_to_its_noise_whatever_its_slip_forces(k
     rate = fit.problem.prior.values(fit.z[None])["normal_force_rate"][0]
     assert rate == pytest.approx(float(values["normal_force_rate"][0]) * scales.speed_m_s / 0.785, rel=0.05)
     assert float(np.sqrt(np.mean(fit.problem.residual(fit.z[None]) ** 2))) < noise_N
-    assert not has_gap(data, fit)
+    assert gap_of(data, fit).all.low_N == 0.0

@@ -10,11 +10,14 @@ from bayes_iwan.campaign import Campaign
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Kind
 from bayes_iwan.diagnosis.diagnosis import diagnose_loops
 from bayes_iwan.diagnosis.fits.data import gap_data
+from bayes_iwan.diagnosis.fits.evidence import fit_model
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
-from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, has_gap, newton_nats, sound_gap_N
+from bayes_iwan.diagnosis.search import model_search as searching
+from bayes_iwan.diagnosis.search import refits
+from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, newton_nats, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import candidate, start_points, stepped_on, weighed_alike
 from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, calibrated, silent
-from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, grow, search
+from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, fit_singles, grow, search
 from bayes_iwan.diagnosis.search.search_result import LAST
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
@@ -85,19 +88,10 @@ def test_a_reading_with_hysteresis_is_unknown_and_described(name, resembles, see
 
 
 def test_where_nothing_is_missed_nothing_is_searched(kit):
-    """Loops of the base model itself and noise; and the same with a spring that hardens a little."""
-    tests = [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)]
-    right = kit.made_up(kit.specimen_force, tests, noise_N=0.01)
+    """Loops of the base model itself and noise."""
+    right = kit.made_up(kit.specimen_force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01)
     d = diagnose_loops(right, right.loops(**kit.small), seed=1, quick=True)
     assert d.verdict.kind == Kind.NONE and set(d.search.fits) == {frozenset()}
-
-    def hardened(f, a, n):
-        u = a * np.sin(2.0 * np.pi * np.arange(n) / n)
-        return kit.specimen_force(f, a, n) + 0.05 * u**3
-
-    off = kit.made_up(hardened, tests, noise_N=0.01).loops(**kit.small)
-    scales, data = scales_of(off), gap_data(off)
-    assert has_gap(data, fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(0)))
 
 
 def test_cause_outside_the_catalogue_leaves_a_rest_without_a_name(kit):
@@ -223,6 +217,46 @@ def test_a_law_that_only_its_shape_tells_from_the_base_is_found(kit):
 def test_sudden_effects_are_refitted_where_there_is_a_gap(kit):
     fits = kit.diagnosed("viscous_damping", "held out").search.fits
     assert frozenset({"force_clipping"}) in fits and frozenset({"end_stop"}) in fits
+
+
+def test_single_effects_that_promise_nothing_are_refitted_where_the_gap_asks_for_them(kit, monkeypatch):
+    """What is sudden where there is more than a sound specimen's gap, what acts along the record where that much
+    changes there."""
+    monkeypatch.setattr(refits, "candidate", lambda *given: replace(candidate(*given), gain=-1e3, score=-1e3))
+    monkeypatch.setattr(searching, "SINGLE_MOST", 0)
+    for fault, tried in (
+        (None, set()),
+        ("viscous_damping", {"force_clipping"}),
+        ("friction_fade", {"force_clipping", "friction_fade"}),
+    ):
+        loops = kit.campaign_of(kit.rig_records(fault)).loops(**kit.small)
+        kinds = {n: catalogue.variants()[n] for n in ("friction_fade", "moving_mass", "force_clipping")}
+        found = explorer(kit, gap_data([x for x in loops if x.role == "fit"]), kinds)
+        fit_singles(found)
+        assert set().union(*found.fits) == tried
+
+
+def test_a_base_short_of_its_optimum_is_fitted_again_from_the_singles(kit):
+    data = kit.diagnosed("viscous_damping", "held out").search.data
+    found = explorer(kit, data, {"viscous_damping": catalogue.variants()["viscous_damping"]})
+    right = found.base
+    found.fits[frozenset()] = fit_model(data, right.problem, right.z[None] + 0.7, 1)
+    assert found.base.log_evidence < right.log_evidence - 20.0
+    fit_singles(found)
+    assert found.base.log_evidence > right.log_evidence - 1.0
+
+
+def test_a_smaller_set_is_fitted_again_from_a_larger_one_and_kept_if_it_scores_more(kit):
+    found = explorer(kit, kit.diagnosed("viscous_damping", "held out").search.data, catalogue.variants())
+    (one,) = [x for x in found.offered(found.base) if x.name == "viscous_damping"]
+    found.add([one], found.base)
+    right = found.fits[frozenset({"viscous_damping"})]
+    found.add([x for x in found.offered(right) if x.name == "moving_mass"], right)
+    short = fit_model(found.data, right.problem, right.z[None] + 0.7, 1)
+    for known, best in ((short, right), (right, right)):
+        found.fits[right.names] = known
+        less = found.without(found.fits[frozenset({"viscous_damping", "moving_mass"})], "moving_mass")
+        assert less.log_evidence > best.log_evidence - 1.0
 
 
 def test_strengths_are_brought_to_the_specimens_scale(kit):

@@ -1,11 +1,11 @@
-"""The base model alone: its fit from many starts, the gap that it leaves, and whether that is any."""
+"""The base model alone: its fit from many starts and the gap that it leaves."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, NEWTON_NATS, USUAL_GAP
+from bayes_iwan.diagnosis.constants import NEWTON_NATS, USUAL_GAP
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.discrepancy_size import FIRST
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_problem, fit_model, in_newtons
@@ -76,10 +76,3 @@ def newton_nats(gap_N: float, sound_N: float, tests: int) -> float:
     that knew one harmonic of each test and nothing of the other tests: by ln of its square, once a test.
     """
     return -0.5 * NEWTON_NATS * tests * float(np.log(gap_N**2 + sound_N**2))
-
-
-def has_gap(data: GapData, base: Fit) -> bool:
-    """Does the base miss more than noise in any test or part of the gap, or could it, beyond what would be named?"""
-    size = gap_of(data, base)
-    parts = (size.all, size.loop, size.along, size.mains, *size.tests)
-    return size.all.share_high > LEAST_OF_FRICTION or any(g.low_N > 0.0 for g in parts)

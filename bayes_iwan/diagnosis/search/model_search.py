@@ -13,7 +13,7 @@ import numpy as np
 from bayes_iwan.diagnosis.constants import BEAM, BRANCH, MOST_EFFECTS, PROMISE, SINGLE_MOST
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
-from bayes_iwan.diagnosis.search.base_fit import gap_of, has_gap, sound_gap_N
+from bayes_iwan.diagnosis.search.base_fit import gap_of, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import Candidate
 from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, Report, silent
 from bayes_iwan.diagnosis.search.search_result import LAST, Search, look_alike
@@ -28,10 +28,16 @@ def fit_singles(found: FittedSets) -> None:
     the first ones anyway, and those of which a first step tells little: where that much changes along the record, all
     that acts there, since one step of a fade that recovers leads nowhere. Once more from a better base: one that is not
     at its optimum is the commonest false gap."""
-    base, offered, most = found.base, found.offered(found.base), 0 if as_sound(found) else SINGLE_MOST
-    changing = most and gap_of(found.data, base).along.rms_N > sound_gap_N(found.data)
-    little = {x.name for x in offered if (most and x.effect.sudden) or (changing and x.effect.evolving)}
-    found.add([x for i, x in enumerate(offered) if x.gain > PROMISE or i < most or x.name in little], base)
+    base, anyway = found.base, not as_sound(found)
+    changing = anyway and gap_of(found.data, base).along.rms_N > sound_gap_N(found.data)
+    chosen = [
+        x
+        for i, x in enumerate(found.offered(base))
+        if x.gain > PROMISE
+        or (anyway and (i < SINGLE_MOST or x.effect.sudden))
+        or (changing and x.effect.evolving)
+    ]
+    found.add(chosen, base)
     for fit in found.ranked(found.sets(1))[:BEAM]:
         found.without(fit, *fit.names)
     if found.base.log_evidence > base.log_evidence + 1.0:
@@ -98,13 +104,11 @@ def search(
     simulator: Simulator | None = None,
     executor: Executor | None = None,
 ) -> Search:
-    """Fit the base and every single effect, then sets of up to `most` effects; the base alone where it misses nothing.
+    """Fit the base and every single effect, then sets of up to `most` effects.
 
     executor : from :func:`bayes_iwan.executors.opened`, to refit the candidates of a step side by side.
     """
     found = FittedSets(data, scales, settings, kinds, rng, report, simulator, executor)
-    if not has_gap(data, found.base):
-        return Search(data, scales, settings, found.fits, (), {frozenset(): 0.0}, found.effects, found.failed)
     fit_singles(found)
     if found.ranked(found.fits)[0].effects or not as_sound(found):  # only what helps alone grows
         settle(found, add_model_form(found, grow(found, most)))
