@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import pickle
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,14 @@ def first_singles(found: FittedSets) -> None:
     found.add(found.offered(found.base)[: model_search.SINGLE_MOST], found.base)
 
 
+def once_without(found: FittedSets, fit: Fit, name: str) -> Fit:
+    known = found.fits.get(fit.names - {name})
+    return known if known is not None else _without(found, fit, name)
+
+
+_without = FittedSets.without
 NONE: frozenset[str] = frozenset()
+STEADY = SimpleNamespace(along=SimpleNamespace(rms_N=0.0))
 
 RULES: dict[str, list[Patch]] = {
     "nothing": [],
@@ -47,9 +55,13 @@ RULES: dict[str, list[Patch]] = {
         (candidates, "sound_gap_N", lambda data: np.inf),
         (FittedSets, "_start", one_start),
     ],
+    "a smaller set, the base too, fitted again from larger ones": [(FittedSets, "without", once_without)],
     "exchanging": [(model_search, "settle", lambda found, current: current)],
     "singles beyond the seven most promising": [(model_search, "fit_singles", first_singles)],
+    "all that acts along a record that changes": [(model_search, "gap_of", lambda data, fit: STEADY)],
+    "a sound gap ends the search": [(model_search, "as_sound", lambda found: False)],
     "what is flexible last": [(x, "LAST", NONE) for x in (fitted_sets, model_search)],
+    "two of each size grow": [(model_search, "BEAM", 1)],
     "four are tried with each": [(model_search, "BRANCH", 2)],
 }
 

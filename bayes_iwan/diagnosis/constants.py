@@ -35,11 +35,12 @@ USUAL_GAP: Final = 0.004
 
 # ---- how far the search goes (search/model_search.py)
 
-#: single effects are refitted if they promise PROMISE nats, are among so many most promising ones or sudden
+#: single effects are refitted if they promise PROMISE nats or, where the gap is more than a sound specimen's, are among
+#: so many most promising ones
 SINGLE_MOST: Final = 7
 #: nats that one Gauss–Newton step must promise for an effect to be refitted
 PROMISE: Final = 6.0
-#: sets of each size that grow, and effects that each is tried with
+#: sets of each size that grow (from those of one effect the base is fitted again), and effects that each is tried with
 BEAM: Final = 2
 BRANCH: Final = 4
 #: effects in a set, at most; model-form effects are not counted

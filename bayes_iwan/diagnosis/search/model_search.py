@@ -33,9 +33,7 @@ def fit_singles(found: FittedSets) -> None:
     chosen = [
         x
         for i, x in enumerate(found.offered(base))
-        if x.gain > PROMISE
-        or (anyway and (i < SINGLE_MOST or x.effect.sudden))
-        or (changing and x.effect.evolving)
+        if x.gain > PROMISE or (anyway and (i < SINGLE_MOST or x.effect.sudden)) or (changing and x.effect.evolving)
     ]
     found.add(chosen, base)
     for fit in found.ranked(found.sets(1))[:BEAM]:
