@@ -105,11 +105,11 @@ class FittedSets:
 
     # ---- refits
 
-    def _keep(self, some: Sequence[Refit], said: Sequence[str]) -> None:
-        """Refit models and remember each that is the best of its set; said : of each, as progress."""
+    def _keep(self, some: Sequence[Refit]) -> None:
+        """Refit models and remember each that is the best of its set."""
         found, fits = self.refits(some), list[Fit | None]()
-        for what in said:
-            self.report(what)
+        for one in some:
+            self.report("+".join(e.name for e in one.problem.effects) or "base model")
             fits.append(next(found))
         for fit in fits:  # when all are there: whoever refits them is asked again
             old = None if fit is None else self.fits.get(fit.names)
@@ -119,8 +119,7 @@ class FittedSets:
     def add(self, some: Sequence[Candidate], smaller: Fit, instead_of: Fit | None = None) -> None:
         """Refit candidates, from where each promised most, from where it was best beside the base alone, and from the
         others of the set that it is tried in."""
-        said = ["+".join((*sorted(smaller.names), one.name)) for one in some]
-        self._keep([self._start(one, smaller, instead_of) for one in some], said)
+        self._keep([self._start(one, smaller, instead_of) for one in some])
 
     def _start(self, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
         starts, draws = one.starts, np.empty(0)
@@ -159,10 +158,9 @@ class FittedSets:
 
     def without(self, fit: Fit, name: str) -> Fit:
         """The fit of the same set less one effect, from this fit's optimum too."""
-        less = fit.names - {name}
         problem = fit.problem.with_effects([e for e in fit.effects if e.name != name])
-        self._keep([Refit(problem, part(fit, problem)[None])], ["+".join(sorted(less))])
-        return self.fits.get(less, self.base)
+        self._keep([Refit(problem, part(fit, problem)[None])])
+        return self.fits.get(fit.names - {name}, self.base)
 
 
 def calibrated(kind: Maker, scales: Scales, data: GapData, base: Problem, z: Array) -> Effect:
