@@ -19,6 +19,7 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.results.held_out_frequencies import by_frequency
 from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.remarks import at_a_bound
 from bayes_iwan.inference.results.run_files import ResultsError, load
 from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.setup.priors import Z_LIMIT
@@ -206,6 +207,7 @@ def determined_names(joint: Posterior) -> tuple[str, ...]:
     problem = joint.problem
     noise = {p.name for p in problem.likelihood.parameters}
     variance = dict(zip(problem.names, np.var(joint.flat_z(4000), axis=0)))
+    bounded = at_a_bound(joint)
     # numbers of the slip forces' density trade off against each other; its mean and quantiles stand for them
     shapes = ("eta", "share_", "slip_")
     chosen = [
@@ -215,6 +217,7 @@ def determined_names(joint: Posterior) -> tuple[str, ...]:
         and not p.name.startswith(shapes)
         and p.name != "force_zero_N"
         and 1.0 - variance[p.name] > _DETERMINED
+        and p.name not in bounded
     ]
     chosen += [n for n in joint.quantities() if n.startswith("slip_force_q") and "25" <= n[12:14] <= "75"]
     return tuple(chosen)

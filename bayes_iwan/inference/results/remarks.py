@@ -27,6 +27,18 @@ AT_THE_END = 3.0
 NEAR_THE_BOUND = 0.02
 
 
+def at_a_bound(posterior: Posterior) -> dict[str, str]:
+    """Parameters whose 90 % interval leaves out the prior's median and ends at a bound ("upper", "lower") of the prior:
+    that end is not set by the loops."""
+    out, free = {}, posterior.problem.prior.free
+    for p, (least, most) in zip(free, np.quantile(posterior.flat_z(4000), [0.05, 0.95], axis=0).T):
+        low, high = p.value(np.array([least, most]))
+        near = NEAR_THE_BOUND * (high - low)
+        if (least > 0.0 and p.upper - high < near) or (most < 0.0 and low - p.lower < near):
+            out[p.name] = "upper" if least > 0.0 else "lower"
+    return out
+
+
 def remarks(posterior: Posterior) -> tuple[str, ...]:
     """One sentence each: not sampled or not converged, searches that disagree, a large residual, bands
     that do not hold a held-out frequency, parameters at the end of their prior, numbers that are extrapolated,
@@ -59,13 +71,9 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
         out.append(held_out_said(posterior.held_out))
     z, prior = posterior.flat_z(4000), posterior.problem.prior
     noise = {p.name for p in posterior.problem.likelihood.parameters}
-    for p, (least, score, most) in zip(prior.free, np.quantile(z, [0.05, 0.5, 0.95], axis=0).T):
-        low, high = p.value(np.array([least, most]))
-        end, near = "", NEAR_THE_BOUND * (high - low)
-        if score > AT_THE_END or (least > 0.0 and p.upper - high < near):
-            end = "upper"
-        elif score < -AT_THE_END or (most < 0.0 and low - p.lower < near):
-            end = "lower"
+    bounds = at_a_bound(posterior)
+    for p, score in zip(prior.free, np.median(z, axis=0)):
+        end = ("upper" if score > 0.0 else "lower") if abs(score) > AT_THE_END else bounds.get(p.name, "")
         if end and p.name not in noise:
             far = f", {abs(score):.2g} prior sd from its median" if abs(score) > AT_THE_END else ""
             out.append(
