@@ -63,8 +63,9 @@ def annealed(
     at = _first(density, guess, count, random)
     while beta < 1.0:
         weight = at.log_prob - guess.log_density(at.x)
-        last, beta = beta, 1.0 if late() else _next(beta, weight)
-        share = np.exp((beta - last) * (weight - weight.max()))
+        further = _next(beta, weight)
+        share = np.exp((further - beta) * (weight - weight.max()))
+        beta = 1.0 if late() else further
         again = np.searchsorted(np.cumsum(share), (np.arange(count) + random.random_sample()) / count * share.sum())
         at = at.some(np.minimum(again, count - 1))
         moves = learnt_moves(at.x, density.blocks, random)

@@ -61,7 +61,7 @@ CASES = {
     "another's name": ("run", {"to": "simulink"}, "'simulink' is no target"),
     "nearly a name": ("run", {"to": "fmuu"}, "did you mean 'fmu'?"),
     "fewer than none": ("run", {"draws": "-1"}, "draws must be 0 or more, not -1"),
-    "more than there are": ("run", {"draws": "99999"}, "draws can be 3200 at most, not 99999"),
+    "more than there are": ("run", {"draws": "99999"}, "draws can be 6400 at most, not 99999"),
     "unfinished": ("unfinished", {}, "no finished run there"),
     "nothing there": ("nowhere", {}, "no finished run there"),
     "a file as run": ("file", {}, "no finished run there"),

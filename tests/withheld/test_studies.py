@@ -264,7 +264,7 @@ def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", asked)
     study("coverage_rig").main()
     tables = json.loads((tmp_path / "coverage.json").read_text())["tables"]
-    assert len(tables) == 4
+    assert len(tables) == 8  # each also as drawn
     for table in tables.values():
         assert set(table["all"]["held"]["energy"]) <= set(range(101)) and table["median_width"]["kp_N_mm"] > 0.0
     assert (tmp_path / "coverage_rig_plain_sampled.png").stat().st_size > 5000
