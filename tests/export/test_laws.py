@@ -47,7 +47,7 @@ def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported
         for d in range(len(z)):
             force = rt.in_c(isolator)(d, h, u, v, -(w**2) * u, 1e-3 * AMPLITUDE)[-steps:]
             difference = force - np.roll(ours[d, :: FINE // steps], -1)
-            assert np.sqrt(np.mean(difference**2) / np.mean(friction[d] ** 2)) < 2e-3
+            assert np.sqrt(np.mean(difference**2) / np.mean(friction[d] ** 2)) < 3e-3
 
 
 def test_every_effect_of_the_catalogue_is_exported_or_omitted_for_a_reason():
