@@ -23,7 +23,10 @@ from bayes_iwan.threads import alongside
 
 @dataclass(frozen=True)
 class Convergence:
-    """The diagnostics of each quantity, arrays of shape (quantities,) in the order of `names`."""
+    """The diagnostics of each quantity, arrays of shape (quantities,) in the order of `names`.
+
+    by_r_hat : names of which R-hat alone is assessed
+    """
 
     names: tuple[str, ...]
     r_hat: Array
@@ -31,8 +34,14 @@ class Convergence:
     ess_tail: Array
     tau_steps: Array
     n_steps: int
+    by_r_hat: frozenset[str] = frozenset()
 
     __repr__ = brief
+
+    @property
+    def _assessed(self) -> list[int]:
+        """Places of the quantities that are assessed by all diagnostics."""
+        return [i for i, name in enumerate(self.names) if name not in self.by_r_hat]
 
     @property
     def worst_r_hat(self) -> float:
@@ -40,29 +49,32 @@ class Convergence:
 
     @property
     def least_ess(self) -> float:
-        return float(min(self.ess_bulk.min(), self.ess_tail.min()))
+        return float(min(self.ess_bulk[self._assessed].min(), self.ess_tail[self._assessed].min()))
 
     @property
     def worst_tau(self) -> float:
-        return float(np.max(self.tau_steps))
+        return float(np.max(self.tau_steps[self._assessed]))
 
     def shortfall(self, r_hat: float, ess: float, taus: float) -> str:
         """What does not reach the targets, in words with the worst number's name; empty if all do."""
-        parts = []
+        parts, names = [], [self.names[i] for i in self._assessed]
         if not self.worst_r_hat <= r_hat:
             parts.append(f"R-hat of {self.names[int(np.argmax(self.r_hat))]} is {self.worst_r_hat:.3f} > {r_hat:g}")
-        for kind, values in (("bulk", self.ess_bulk), ("tail", self.ess_tail)):
+        for kind, every in (("bulk", self.ess_bulk), ("tail", self.ess_tail)):
+            values = every[self._assessed]
             if not values.min() >= ess:
-                name = self.names[int(np.argmin(values))]
+                name = names[int(np.argmin(values))]
                 parts.append(f"{kind} ESS of {name} is {values.min():.0f} < {ess:g}")
         if not self.n_steps >= taus * self.worst_tau:
-            name = self.names[int(np.argmax(self.tau_steps))]
+            name = names[int(np.argmax(self.tau_steps[self._assessed]))]
             length = self.n_steps / self.worst_tau
             parts.append(f"{self.n_steps} steps are {length:.0f} autocorrelation times of {name} < {taus:g}")
         return "; ".join(parts)
 
 
-def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1) -> Convergence:
+def convergence_of(
+    draws: Array, names: tuple[str, ...], thin: int = 1, by_r_hat: frozenset[str] = frozenset()
+) -> Convergence:
     """All diagnostics of draws (ensembles, stored steps, walkers, quantities), stored every `thin` steps."""
     x = np.asarray(draws, dtype=float)
     if x.ndim != 4 or x.shape[3] != len(names):
@@ -80,6 +92,7 @@ def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1) -> Conve
         ess_tail=rows[:, 2],
         tau_steps=thin * rows[:, 3],
         n_steps=thin * x.shape[1],
+        by_r_hat=by_r_hat,
     )
 
 

@@ -29,7 +29,7 @@ class Plan:
     fingerprint : named hashes of whatever makes this run what it is; a checkpoint with others is refused
     budget_s : seconds of one call after which it stops; max_steps : steps that count
     target_r_hat, target_ess, chain_taus : all of R-hat ≤, bulk and tail ESS ≥, and steps ≥ chain_taus · tau, for every
-        sampled number and every quantity
+        sampled number and every quantity; by_r_hat : names of which R-hat alone is asked
     progress : show a bar where there is a terminal
 
     Raises SamplingError where quantities come without names, or names without quantities.
@@ -47,6 +47,7 @@ class Plan:
     target_r_hat: float = 1.01
     target_ess: float = 400.0
     chain_taus: float = 10.0
+    by_r_hat: frozenset[str] = frozenset()
     progress: bool = True
 
     def __post_init__(self) -> None:

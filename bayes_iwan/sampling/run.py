@@ -195,7 +195,7 @@ class EnsembleRun:
         """Of the draws that count and further quantities of them."""
         draws = np.concatenate([self.counted(self.z), self.counted(self.other)], axis=3)
         thin = -(-self.steps // _LOOKED_AT)
-        return convergence_of(draws[:, ::thin], self.plan.every_name, thin)
+        return convergence_of(draws[:, ::thin], self.plan.every_name, thin, self.plan.by_r_hat)
 
     def chains(self) -> Chains:
         """The whole run."""

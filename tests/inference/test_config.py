@@ -130,7 +130,7 @@ starts = 12
 [sampling]
 ensembles = 4
 walkers = 16
-budget_s = 240.0
+budget_s = 480.0
 max_steps = 200000
 r_hat = 1.01
 ess = 400.0

@@ -6,6 +6,8 @@ import pytest
 import bayes_iwan as bi
 from bayes_iwan.inference.setup.marginal import Marginal
 from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.setup.settings import SamplingSettings
+from bayes_iwan.inference.solving import posterior_draws
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.models.embedded_error import SLIP_NAMES
 from bayes_iwan.sampling.blocks import generator
@@ -98,3 +100,14 @@ def test_a_deviation_of_another_prior_is_walked_in_and_the_others_are_drawn(loop
     z[:, marginal.drawn] = mean
     conditional = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
     np.testing.assert_allclose(problem.log_prob(z) - conditional, level, rtol=0.0, atol=1e-6)
+
+
+def test_numbers_of_the_density_are_judged_by_r_hat_alone(loops, monkeypatch):
+    """Its mean, stiffnesses and noise are not among them."""
+    plans = []
+    monkeypatch.setattr(posterior_draws, "sample", lambda density, optima, roots, plan, **rest: plans.append(plan))
+    problem = make_problem(loops, {})
+    posterior_draws.sampled(problem, np.zeros((1, problem.ndim)), SamplingSettings(), posterior_draws.Run(1))
+    found = plans[0].by_r_hat
+    assert {"eta1", "share_1", "slip_ratio_21", "slip_deviation12", "slip_tail4", "g3", "t2_N"} <= found
+    assert not found & {"mean_slip_force_N", "kp_N_mm", "k1_N_mm", "noise_scale", "normal_force_slope"}

@@ -111,3 +111,15 @@ def test_numbers_that_say_nothing_are_nan_and_do_not_pass():
     assert result.shortfall(1.01, 400, 50) != ""
     with pytest.raises(ValueError, match="draws of shape"):
         convergence_of(same, ("x", "y"))
+
+
+def test_what_is_judged_by_r_hat_alone_needs_no_effective_draws():
+    """A slow walk and independent draws: the former is short of effective draws and of steps, and not named."""
+    rng = np.random.default_rng(3)
+    good = rng.standard_normal((4, 400, 8))
+    slow = np.cumsum(rng.standard_normal((4, 400, 8)), axis=1)
+    draws = np.stack([good, slow], axis=3)
+    whole, some = (convergence_of(draws, ("good", "slow"), by_r_hat=frozenset(x)) for x in ((), ("slow",)))
+    assert "ESS of slow" in whole.shortfall(10.0, 400.0, 10.0) and some.shortfall(10.0, 400.0, 10.0) == ""
+    assert some.least_ess > 400.0 > whole.least_ess and some.worst_tau < 3.0 < whole.worst_tau
+    assert "R-hat of slow" in some.shortfall(1.01, 400.0, 10.0)

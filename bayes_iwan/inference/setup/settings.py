@@ -111,7 +111,7 @@ class SamplingSettings:
 
     ensembles: int = 4
     walkers: int = 16
-    budget_s: float = 240.0
+    budget_s: float = 480.0
     max_steps: int = 200_000
     r_hat: float = 1.01
     ess: float = 400.0

@@ -1,5 +1,6 @@
 """How a problem's posterior is handed to the sampler."""
 
+import re
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -23,6 +24,9 @@ from bayes_iwan.sampling.run import sample
 
 #: what is asked of a quick run: all walkers that were led to the posterior, and one block of their steps
 QUICK: dict[str, Any] = {"walkers": 64, "max_steps": 25, "ess": 0.0, "r_hat": float("inf"), "taus": 0.0}
+#: numbers of the slip forces' density: its mean and quartiles are what loops tell and what is compared, while these
+#: make up for one another in tails that are longer than effective draws could ever be enough for
+_OF_THE_DENSITY = re.compile(r"(eta|share_|slip_ratio_|slip_deviation|slip_tail|[gt])\d+(_N)?").fullmatch
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,9 @@ def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> C
         target_r_hat=s.r_hat,
         target_ess=s.ess,
         chain_taus=s.taus,
+        by_r_hat=frozenset(
+            filter(_OF_THE_DENSITY, (*problem.names, *names)) if isinstance(problem.model, Model) else ()
+        ),
         progress=run.progress,
     )
     return sample(
