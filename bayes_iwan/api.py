@@ -76,7 +76,7 @@ def identify(
     simulator
         a model of your own in the place of the Iwan model, or its Python file (its code is run).
     quick
-        the most probable point and the first draws about it, within a minute, not asked whether they have converged.
+        the most probable point and the first draws about it, in about a minute, not asked whether they have converged.
     overwrite
         write over finished results of another campaign in `out`.
     workers

@@ -22,8 +22,7 @@ from bayes_iwan.sampling.blocks import Density, Moves, Places, generator
 from bayes_iwan.sampling.plan import SamplingError
 from bayes_iwan.sampling.proposals import Mixture, learnt_moves
 
-#: how many times as wide as the normal approximations the guess is: where 1 was, intervals of the walkers were a third
-#: to a half of those of converged draws on some specimens
+#: how many times as wide as the normal approximations the guess is: these miss the broad tails of curved posteriors
 _WIDE = 6.0
 #: share of the walkers that each step of β leaves, as their weights count; steps at each β
 _LEFT, _STEPS = 0.5, 10

@@ -123,13 +123,9 @@ class EnsembleRun:
         budget = self.plan.budget_s
         return budget is not None and time.monotonic() - self._began > budget
 
-    def _random(self, stream: int) -> np.random.RandomState:
-        """Random numbers of starts and of learning."""
-        return generator((self.plan.seed, 35, stream))
-
     def _learn(self) -> None:
         """Moves from what is known; they travel once to each process."""
-        random = self._random(2 + self.learnt)
+        random = generator((self.plan.seed, 35, 2 + self.learnt))
         if self.learnt:
             known = np.concatenate(self.z[self.learnt // 2 : self.learnt])[..., self.density.walked]
             known = known.reshape(-1, known.shape[-1])

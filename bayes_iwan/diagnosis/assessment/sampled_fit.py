@@ -21,7 +21,7 @@ from bayes_iwan.sampling.run import sample
 #: seconds that one model may be sampled for
 BUDGET_S = 45.0
 _TRIED = 1024  # sizes of the discrepancy among which walkers' starts are sought
-_HELD_SD = 0.2  # by which these are scattered
+_HELD_SD = 0.2  # of the discrepancy's two numbers about there
 
 
 @dataclass(frozen=True)
