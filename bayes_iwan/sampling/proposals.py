@@ -36,10 +36,10 @@ _SHORTEST, _WHOLE_STEPS = 0.1, 0.1
 #: shares of the coordinates that a difference moves, each as often
 _MOVED = 1 / 3, 2 / 3, 1.0
 _SNOOKER = 1.7  # factor of the projected difference
-#: components of the first block's mixture; the others are straightened by it
-_COMPONENTS = 24
-#: of steps that are independent proposals, along differences, and snooker's
-_SHARES = 0.5, 0.3, 0.2
+#: components of each block's mixture
+_COMPONENTS = 8
+#: of steps that are independent proposals of all coordinates, of one block, along differences, and snooker's
+_SHARES = 0.4, 0.2, 0.2, 0.2
 
 
 @dataclass(frozen=True)
@@ -172,8 +172,8 @@ def learnt_moves(
     """
     straightening = Straightening.fitted(x, blocks)
     u = straightening.straight(x)
-    parts = [(p, Mixture.fitted(u[:, p], 1 if k else _COMPONENTS, random)) for k, p in enumerate(blocks)]
-    independent = [parts] * (len(parts) > 1) + [[part] for part in parts]
-    proposals: list[tuple[Proposal, float]] = [(Independent(p), _SHARES[0] / len(independent)) for p in independent]
-    proposals += [(Differences(u), _SHARES[1]), (Snooker(u), _SHARES[2])]
+    parts = [(p, Mixture.fitted(u[:, p], _COMPONENTS, random)) for p in blocks]
+    proposals: list[tuple[Proposal, float]] = [(Independent(parts), _SHARES[0])]
+    proposals += [(Independent([part]), _SHARES[1] / len(parts)) for part in parts]
+    proposals += [(Differences(u), _SHARES[2]), (Snooker(u), _SHARES[3])]
     return [(MHMove(Straightened(straightening, p)), share) for p, share in proposals]

@@ -12,8 +12,9 @@ from bayes_iwan.arrays import Array
 
 #: a proposal as `emcee.moves.MHMove` takes it
 Proposal = Callable[[Array, np.random.RandomState], tuple[Array, Array]]
-#: draws that a regression's coefficients count as beside its data, all at 0: with few draws it stays a mean
-_RIDGE = 20.0
+#: draws that a regression's linear coefficients count as beside its data, all at 0: with few draws it stays a mean. The
+#: products count as so many more as there are more of them, so that all of them explain no more than the linear ones
+_RIDGE = 100.0
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,9 @@ class Straightening:
         out, u = cls((), (), ()), np.empty((len(x), 0))
         for places in blocks:
             terms = _terms(u)
-            ridge = _RIDGE * np.eye(terms.shape[1])
-            ridge[0, 0] = 0.0
-            b = np.linalg.solve(terms.T @ terms + ridge, terms.T @ x[:, places])
+            count = 0.5 * (u.shape[1] + 1.0)  # products for each linear term
+            ridge = _RIDGE * np.repeat([0.0, 1.0, count], [1, u.shape[1], terms.shape[1] - 1 - u.shape[1]])
+            b = np.linalg.solve(terms.T @ terms + np.diag(ridge), terms.T @ x[:, places])
             left = x[:, places] - terms @ b
             scale = left.T @ left / len(x)
             root = np.asarray(np.linalg.cholesky(scale + 1e-12 * np.trace(scale) * np.eye(len(places))))

@@ -43,7 +43,7 @@ def test_a_quadratic_bend_becomes_straight():
     found = there.straight(more)
     np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=0.04)
     np.testing.assert_allclose(np.cov(found.T), np.eye(5), atol=0.06)
-    np.testing.assert_allclose(found[:, 4], made_of[:, 4], atol=0.25)  # alone in its block
+    np.testing.assert_allclose(found[:, 4], made_of[:, 4], atol=0.4)  # alone in its block
     products = (made_of[:, :, None] * made_of[:, None]).reshape(len(more), -1)
     np.testing.assert_allclose(found.T @ (products - products.mean(axis=0)) / len(more), 0.0, atol=0.06)
     assert np.abs(np.cov(x[:, 4], u[:, 3] ** 2)[0, 1]) > 1.5  # as it was before

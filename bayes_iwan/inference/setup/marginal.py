@@ -1,10 +1,15 @@
-"""The posterior with the slip forces' deviations integrated out in closed form, and these drawn given the others.
+"""The posterior with what the force is linear in integrated out in closed form, and this drawn given the others.
 
-The force is linear in the deviations c of the slip forces' density (:mod:`bayes_iwan.models.embedded_error`), their
-priors are normal, and so is the likelihood given its noise parameters. With r the whitened residual without
-deviations, H its slope by them in units of their prior's standard deviation, and A = I + HᵀH,
+The force is linear in the deviations of the slip forces' density (:mod:`bayes_iwan.models.embedded_error`), in the
+parallel spring's stiffness and in the force channel's zero; the likelihood is normal given its noise parameters. Let c
+be these in units of their priors' standard deviations, with normal priors at first, r the whitened residual at c = 0,
+and H its slope by c. With A = I + HᵀH,
 
     ∫ p(r − Hc) N(c) dc = p(r) · exp(½ bᵀA⁻¹b) / √|A|,      b = Hᵀr,      c | the others ~ N(A⁻¹b, A⁻¹).
+
+Where a prior π(c) is no normal one, the integral is multiplied by π(c) / N(c) at the c that was drawn. Its mean is the
+integral with π, and a walker that keeps the c it was accepted with samples the exact posterior (Andrieu & Roberts, Ann.
+Stat. 37, 2009, 697).
 
 What remains is a broad posterior of few numbers, where the joint one is a thin curved sheet of many: the walkers of an
 ensemble sampler find their way in it by themselves.
@@ -20,24 +25,32 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import SLIP_NAMES
-from bayes_iwan.models.iwan_parameters import slip_form_names
-from bayes_iwan.models.parameter import Z_LIMIT
+from bayes_iwan.models.iwan_parameters import slip_force_names
+from bayes_iwan.models.parameter import Z_LIMIT, Parameter
+from bayes_iwan.models.simulator import FORCE_ZERO
+
+_SPRING = "kp_N_mm"
 
 
 @dataclass(frozen=True)
 class Marginal:
     """A problem's posterior over the coordinates that walkers move in, the others integrated out where that is exact:
     with the Iwan model's embedded error, no effects, a normal likelihood and normal priors of the deviations. Else all
-    coordinates are walked in."""
+    coordinates are walked in.
+
+    also : what is integrated out beside the deviations
+    """
 
     problem: Problem
+    also: tuple[str, ...] = (_SPRING, FORCE_ZERO)
 
     @cached_property
     def drawn(self) -> NDArray[np.int64]:
-        """Places in z of the deviations that are integrated out."""
+        """Places in z of what is integrated out."""
         p = self.problem
         exact = isinstance(p.model, Model) and p.model.embedded and not p.effects and p.likelihood.normal
         names = [n for n in SLIP_NAMES if exact and n in p.names and p.prior[n].normal]
+        names += [n for n in self.also if exact and n in p.names]
         tied = {q.tied for q in p.prior.parameters}
         return np.array([p.names.index(n) for n in names if n not in tied], dtype=np.int64)
 
@@ -48,12 +61,12 @@ class Marginal:
 
     @cached_property
     def blocks(self) -> tuple[NDArray[np.int64], ...]:
-        """Places among those walked in: numbers of the slip forces' form, which the others follow; the others of
-        the simulator and the effects; the likelihood's."""
+        """Places among those walked in: numbers of the slip forces and k(1), which have broad tails and which the others
+        follow; the others of the simulator and the effects; the likelihood's."""
         p, names = self.problem, [self.problem.names[i] for i in self.walked]
-        form = slip_form_names(p.model, p.scales) if isinstance(p.model, Model) else ()
+        first = {"k1_N_mm", *slip_force_names(p.model, p.scales)} if isinstance(p.model, Model) else ()
         noise = {q.name for q in p.likelihood.parameters}
-        which = np.array([0 if n in form else 2 if n in noise else 1 for n in names])
+        which = np.array([0 if n in first else 2 if n in noise else 1 for n in names])
         return tuple(np.flatnonzero(which == k) for k in range(3) if np.any(which == k))
 
     def __call__(self, x: Array, random: np.random.RandomState) -> Array:
@@ -64,33 +77,51 @@ class Marginal:
             return self.problem.log_prob(z)[:, None]
         log_prob, mean, root = self._integrated(z)
         unit = random.standard_normal(mean.shape)
-        drawn = mean + np.linalg.solve(root.transpose(0, 2, 1), unit[:, :, None])[:, :, 0]
-        log_prob = np.where(np.all(np.abs(drawn) <= Z_LIMIT, axis=1), log_prob, -np.inf)  # as elsewhere
-        return np.concatenate([log_prob[:, None], drawn], axis=1)
+        c = mean + np.linalg.solve(root.transpose(0, 2, 1), unit[:, :, None])[:, :, 0]
+        drawn, ratio = self._scores(c)
+        with np.errstate(invalid="ignore"):
+            log_prob = log_prob + ratio
+        possible = np.isfinite(log_prob) & np.all(np.abs(drawn) <= Z_LIMIT, axis=1)  # as elsewhere
+        return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], drawn], axis=1)
 
     @cached_property
-    def _scale(self) -> tuple[slice | list[int], Array]:
-        """Which of the deviations are drawn, and their priors' standard deviations."""
-        p = self.problem
-        names = [p.names[i] for i in self.drawn]
-        chosen = [0, *(1 + SLIP_NAMES.index(n) for n in names)]
-        every = chosen == list(range(1 + len(SLIP_NAMES)))
-        return slice(None) if every else chosen, np.array([p.prior[n].prior.std() for n in names])
+    def _parameters(self) -> tuple[Parameter, ...]:
+        return tuple(self.problem.prior[self.problem.names[i]] for i in self.drawn)
+
+    @cached_property
+    def _scale(self) -> Array:
+        """(drawn,): a parameter per c, half of what one standard score to either side changes it by."""
+        return np.array([0.5 * np.ptp(q.value(np.array([-1.0, 1.0]))) for q in self._parameters])
+
+    def _scores(self, c: Array) -> tuple[Array, Array]:
+        """z (n, drawn) of c (n, drawn), and ln of π(c) / N(c) (n,)."""
+        z, ratio = c.copy(), np.zeros(len(c))
+        for j, (q, scale) in enumerate(zip(self._parameters, self._scale)):
+            if not q.normal:
+                value = q.value(np.zeros(1)) + scale * c[:, j]
+                z[:, j] = q.score(value)
+                ratio += q.log_density(value) + np.log(scale) + 0.5 * c[:, j] ** 2
+        return z, ratio
 
     def _integrated(self, z: Array) -> tuple[Array, Array, Array]:
-        """At z (n, ndim) with deviations 0: ln of the integral (n,); the mean (n, drawn) of their conditional density,
-        and the lower triangular root (n, drawn, drawn) of its inverse covariance A."""
-        p, (chosen, scale) = self.problem, self._scale
-        values, count = p.parameter_values(z), len(scale)
+        """At z (n, ndim) with what is drawn at 0: ln of the integral (n,) under normal priors; the mean (n, drawn) of
+        the conditional density of c, and the lower triangular root (n, drawn, drawn) of its inverse covariance A."""
+        p, count = self.problem, len(self.drawn)
+        values, names = p.parameter_values(z), [q.name for q in self._parameters]
         with np.errstate(all="ignore"):
             each = p.residual_and_slopes(values)
             level = p.prior.log_density(z) + p.likelihood.log_likelihood(each[:, 0], values)
+            chosen = [0, *(1 + SLIP_NAMES.index(n) for n in names if n in SLIP_NAMES)]
+            every = [each if len(chosen) == each.shape[1] else each[:, chosen]]
+            more = {_SPRING: p.motion.displacement_mm, FORCE_ZERO: np.ones(each.shape[2:])}
+            every += [np.broadcast_to(more[n], (len(z), 1, *each.shape[2:])) for n in names if n in more]
+            each = np.concatenate(every, axis=1)
             repeated = {q.name: np.repeat(values[q.name], count + 1) for q in p.likelihood.parameters}
-            rows = p.likelihood.rows(each[:, chosen].reshape(-1, *each.shape[2:]), repeated)
+            rows = p.likelihood.rows(each.reshape(-1, *each.shape[2:]), repeated)
         rows = rows.reshape(len(z), count + 1, -1)
         sound = np.isfinite(level) & np.isfinite(rows).all(axis=(1, 2))
         rows[~sound] = 0.0
-        h = rows[:, 1:] * scale[:, None]
+        h = rows[:, 1:] * self._scale[:, None]
         root = np.linalg.cholesky(np.eye(count) + h @ h.transpose(0, 2, 1))
         y = np.linalg.solve(root, h @ rows[:, 0, :, None])
         level += 0.5 * np.sum(y[:, :, 0] ** 2, axis=1) - np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)

@@ -9,9 +9,9 @@ that are found with one test less differ. To first order, the mean of coordinate
 
 follows from the draws alone (the Bayesian infinitesimal jackknife: Giordano & Broderick, arXiv 2305.06466). In straight
 coordinates (:mod:`bayes_iwan.sampling.straightening`), whose covariance is the unit matrix, J = U diag(w) Uᵀ, and draws
-are stretched to U diag(√max(w, 1)) Uᵀ u; what is integrated out is then drawn anew given the others, so that loops stay
-as near to the measured ones as the straight coordinates are straight. Where tests agree as well as the posterior says,
-nothing changes. `analyses/coverage_rig.py` counts how much more truths the intervals hold then.
+are stretched to U diag(√max(w, 1)) Uᵀ u; the slip forces' deviations are then drawn anew given the others, so that
+loops stay as near to the measured ones as the straight coordinates are straight. Where tests agree as well as the
+posterior says, nothing changes. `analyses/coverage_rig.py` counts how much more truths the intervals hold then.
 """
 
 import numpy as np
@@ -31,7 +31,7 @@ def stretched(problem: Problem, z: Array, seed: int) -> tuple[Array, float]:
     """Draws z (n, ndim) of a posterior, as wide as its tests disagree, and the largest factor; the same and 1 where
     they agree, and for a single test. A draw that cannot be moved stays. Noise parameters keep their place among the
     others."""
-    marginal = Marginal(problem)
+    marginal = Marginal(problem, also=())
     noise = {p.name for p in problem.likelihood.parameters}
     moved = np.flatnonzero([problem.names[i] not in noise for i in marginal.walked])
     if len(problem.loops) < 2:
