@@ -61,7 +61,7 @@ class Marginal:
 
     @cached_property
     def blocks(self) -> tuple[NDArray[np.int64], ...]:
-        """Places among those walked in: numbers of the slip forces and k(1), which have broad tails and which the others
+        """Places among those walked in: numbers of the slip forces and k(1), which have broad tails and which others
         follow; the others of the simulator and the effects; the likelihood's."""
         p, names = self.problem, [self.problem.names[i] for i in self.walked]
         first = {"k1_N_mm", *slip_force_names(p.model, p.scales)} if isinstance(p.model, Model) else ()
