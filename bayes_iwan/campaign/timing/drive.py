@@ -74,7 +74,8 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
     noise = float(np.median(np.abs(np.diff(displacement, 2)))) * 1.4826 / np.sqrt(6)
     middle, hysteresis = (low + high) / 2, min(max(smallest, 8 * noise / half), HYSTERESIS)
     times = crossings(time_s, displacement, middle, half, hysteresis=hysteresis, ends=True)
-    pauses = _pauses(time_s, displacement - middle, hysteresis * half, times)
+    repeats = whole_period(time_s, displacement, times)  # a multisine swings little for a while, which is no pause
+    pauses = _pauses(time_s, displacement - middle, hysteresis * half, times) if repeats is None else []
     whole = whole_s = time_s
     if pauses:  # levels with pauses between them: seen without the pauses
         moving = np.ones(time_s.size, dtype=bool)
@@ -85,7 +86,6 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
         time_s, whole_s, displacement = time_s[moving], whole_s[moving], displacement[moving]
         half = float(np.ptp(np.percentile(displacement, [0.5, 99.5]))) / 2
         times = crossings(time_s, displacement, middle, half, hysteresis=hysteresis, ends=True)
-    repeats = whole_period(time_s, displacement, times)
     if repeats is not None:
         times = period_marks(time_s, repeats)
     per_cycle = np.diff(np.searchsorted(time_s, times))
