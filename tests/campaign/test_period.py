@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import sawtooth
 
 from bayes_iwan import cli
-from bayes_iwan.campaign import Record
+from bayes_iwan.campaign import CampaignError, Record
 from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
 from bayes_iwan.campaign.loops.checks import check_record
 from bayes_iwan.campaign.timing.displacement_drift import straight_drift, without_drift
@@ -125,6 +125,34 @@ def test_a_staircase_of_small_levels_and_with_pauses_between_them(cycles, pause_
     assert [p.amplitude_mm for p in pieces] == pytest.approx(sizes, rel=0.01)
     assert [p.frequency_hz for p in pieces] == pytest.approx([5.0] * 5, rel=0.02)
     assert all(len(p.time_s) >= (cycles - 1) * 99 for p in pieces)
+
+
+@pytest.mark.parametrize(
+    "cycles, pause_s, clock", [(2.5, 0.0, True), (2.5, 0.3, False), (2.25, 0.0, False), (3.25, 0.3, True)]
+)
+def test_levels_that_start_anew_are_split_by_amplitude(tmp_path, cycles, pause_s, clock):
+    """Where they ended within a cycle, every third cycle was longer: a sweep in frequency."""
+    sizes = (0.2, 0.4, 0.6, 0.8, 1.0)
+    parts = [[a * np.sin(TAU * np.arange(round(100 * cycles)) / 100), np.zeros(round(500 * pause_s))] for a in sizes]
+    u = np.concatenate([x for part in parts for x in part])
+    path = tmp_path / "a.csv"
+    table = np.column_stack([u, slider(u)])
+    np.savetxt(path, table, fmt="%.6f", delimiter=",", header="disp_mm,force_N", comments="")
+    recipe = Recipe(sample_rate_hz=500.0 if clock else "none")
+    with pytest.raises(ImportAsks, match="a staircase of 5 levels .*--split"):
+        import_tests([path], recipe)
+    tests = import_tests([path], recipe, split=True)
+    assert [t.loop.amplitude_mm for t in tests] == pytest.approx(sizes, rel=0.005)
+    assert not clock or [t.loop.frequency_hz for t in tests] == pytest.approx([5.0] * 5, rel=1e-3)
+
+
+def test_levels_of_less_than_two_cycles_are_refused_at_once(tmp_path):
+    """--split was proposed, and then refused."""
+    u = np.concatenate([a * np.sin(TAU * np.arange(150) / 100) for a in (0.4, 0.7, 1.0)])
+    path = tmp_path / "a.csv"
+    np.savetxt(path, np.column_stack([u, slider(u)]), delimiter=",", header="disp_mm,force_N", comments="")
+    with pytest.raises(CampaignError, match="none of 3 levels can be used.* at least two are needed"):
+        import_tests([path], Recipe(sample_rate_hz=500.0))
 
 
 @pytest.mark.parametrize("amplitudes", [0.0, 0.9, 2.0, 6.0, -3.0])

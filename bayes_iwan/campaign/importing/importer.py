@@ -301,6 +301,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units, recipe.clock)
     drive = None if split else assess_drive(time_s, level)
     if drive is not None and drive.kind == "levels":
+        _one_run(recording, found, recipe, split=True)  # refuses levels that are all too short
         text = (
             f"It is {staircase_said(drive, recipe.clock)}, which would look like one specimen that changes: make a "
             "test of each."
