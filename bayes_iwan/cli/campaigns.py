@@ -148,8 +148,8 @@ def _complete(args: argparse.Namespace, asks: ImportAsks) -> str:
     """The command as it was given with what is missing put in."""
     words = list(args.words)
     for question in asks.questions:
-        words = _with(words, question, question.placeholder)
-    return quoted(["bayes-iwan", *words]).replace(" NAME", ' "NAME"')
+        words = _with(words, question, "")
+    return quoted(["bayes-iwan", *words])
 
 
 def _with(words: list[str], question: Question, answer: str) -> list[str]:

@@ -70,7 +70,9 @@ class Picture:
     def __html__(self) -> str:
         phone = None if self.phone is None else self.renderer.rendered(self.phone).svg
         width = round(PIXELS * self.figure.get_size_inches()[0])
-        return template("figure.html", picture=self.rendered.svg, phone=phone, caption=self.caption, file=self.name, width=width)
+        return template(
+            "figure.html", picture=self.rendered.svg, phone=phone, caption=self.caption, file=self.name, width=width
+        )
 
 
 def anchor_of(heading: str) -> str:

@@ -183,6 +183,7 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path, capsys, monkeypatch):
     assert cli.main(["import", file, "--dry-run"]) == 2
     command = capsys.readouterr().err.strip().partition("Run: ")[2]
     assert command.startswith(f'bayes-iwan import "{file}" --dry-run ') and "'" not in command
+    assert cli.main(shlex.split(command)[1:]) == 2 and "'<hz>' is not a number" in capsys.readouterr().err
     answers = {"force": "ai1", "displacement": "ai0", "force=": "N", "displacement=": "mm", "rate": "500 Hz"}
     replies = [answers[{"--sample-rate": "rate"}.get(q.option, q.option[2:] if not q.role else q.role + "=")]
                for q in caught.value.questions]  # fmt: skip
@@ -202,6 +203,19 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path, capsys, monkeypatch):
     assert cli.main(["import", file, "--dry-run", "--ask"]) == 2
     assert '--force ai1 --unit "force=N"' in capsys.readouterr().err
     assert cli.main(["import", file, "--dry-run"]) == 2, "what was answered once is no answer for the next command"
+
+
+def test_an_example_of_a_sensitivity_is_no_answer(tmp_path, capsys):
+    """The proposed command could be pasted as it stood: forces of somebody else's transducer."""
+    r = recorded(lambda p: np.sin(TAU * p), 9.3)
+    file = columns(tmp_path / "a.csv", t_s=r.time_s, x_mm=r.displacement_mm, F_V=r.force_N * 9.55e-3)
+    assert cli.main(["import", file, "--dry-run"]) == 2
+    command = capsys.readouterr().err.strip().partition("Run: ")[2]
+    assert command.endswith('--sensitivity "force=<9.55 mV/N>"')
+    assert cli.main(shlex.split(command)[1:]) == 2
+    assert '"force=<9.55 mV/N>" is an example; write what is right' in capsys.readouterr().err
+    with pytest.raises(CampaignError, match="is an example"):
+        import_tests([file], Recipe(sensitivities={"force": "<9.55 mV/N>"}))
 
 
 def test_a_sawtooth_is_no_integer_that_overflowed(tmp_path):

@@ -79,7 +79,9 @@ def times_of(
     if rate is not None:
         same = int(np.count_nonzero(np.diff(time) == 0))
         if 0 < same <= FEW_REPEATED * n:
-            warnings += (f"{clock.name!r} repeats {same} time(s): a row written twice, or lost? Rows are taken as even",)
+            warnings += (
+                f"{clock.name!r} repeats {same} time(s): a row written twice, or lost? Rows are taken as even",
+            )
         time = on_grid_of_rate(time, rate)
     start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())
     if "time" not in recipe.units:
