@@ -180,7 +180,7 @@ def test_channels_are_asked_for_where_they_cannot_be_told(table, record):
         import_tests([path])
     with pytest.raises(
         CampaignError,
-        match=r"a\.csv: 'ai1' \(displacement\) states no unit .*--unit \"displacement=<UNIT>\" --unit \"force=<UNIT>\"$",
+        match=r"a\.csv: 'ai1' \(displacement\) states no .*--unit \"displacement=<UNIT>\" --unit \"force=<UNIT>\"$",
     ):
         import_tests([path], Recipe(channels={"displacement": "ai1", "force": "ai2"}))
     both = Recipe(channels={"displacement": "2", "force": "AI2"}, units={"displacement": "mm", "force": "N"})

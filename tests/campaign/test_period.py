@@ -139,7 +139,7 @@ def test_levels_that_start_anew_are_split_by_amplitude(tmp_path, cycles, pause_s
     table = np.column_stack([u, slider(u)])
     np.savetxt(path, table, fmt="%.6f", delimiter=",", header="disp_mm,force_N", comments="")
     recipe = Recipe(sample_rate_hz=500.0 if clock else "none")
-    with pytest.raises(ImportAsks, match="a staircase of 5 levels .*--split"):
+    with pytest.raises(ImportAsks, match=r"a staircase of 5 levels .*--split"):
         import_tests([path], recipe)
     tests = import_tests([path], recipe, split=True)
     assert [t.loop.amplitude_mm for t in tests] == pytest.approx(sizes, rel=0.005)
@@ -151,7 +151,7 @@ def test_levels_of_less_than_two_cycles_are_refused_at_once(tmp_path):
     u = np.concatenate([a * np.sin(TAU * np.arange(150) / 100) for a in (0.4, 0.7, 1.0)])
     path = tmp_path / "a.csv"
     np.savetxt(path, np.column_stack([u, slider(u)]), delimiter=",", header="disp_mm,force_N", comments="")
-    with pytest.raises(CampaignError, match="none of 3 levels can be used.* at least two are needed"):
+    with pytest.raises(CampaignError, match=r"none of 3 levels can be used.* at least two are needed"):
         import_tests([path], Recipe(sample_rate_hz=500.0))
 
 
@@ -223,6 +223,23 @@ def test_a_sawtooth_is_no_integer_that_overflowed(tmp_path):
     file = columns(tmp_path / "a.csv", t_s=r.time_s, x_mm=r.displacement_mm, F_N=r.force_N)
     with pytest.raises(ValueError, match=r"^a.csv: 'x' jumps \d+ times .*a sawtooth, which no drive follows"):
         import_tests([file])
+
+
+@pytest.mark.parametrize("share", [0.008, 0.02, 0.1])
+def test_a_sawtooth_is_right_or_refused(share):
+    """A flank of two samples gave 1.1 mm for 1 mm, one of four an energy 6 % off."""
+    record = recorded(lambda p: sawtooth(TAU * p, 1 - share), 12.3, noise=0.0)
+    if share < 0.04:
+        with pytest.raises(
+            CampaignError, match=rf"returns in \S+ samples, {100 * share:.2g}.* % of a cycle.* in 4 samples"
+        ):
+            check_record(record)
+        return
+    _, loop = check_record(record)
+    u, force = (x[250 : 250 * 11 + 1] for x in (record.displacement_mm, record.force_N))
+    energy = float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(u))) / 10
+    assert loop.amplitude_mm == pytest.approx(1.0, rel=0.005)
+    assert float(np.mean(loop.force_N * loop.velocity_m_s)) * 1e3 / BASE == pytest.approx(energy, rel=0.01)
 
 
 def test_a_channel_a_file_and_held_out_tests(tmp_path, capsys):
