@@ -219,12 +219,12 @@ def _corners(loop: Loop) -> list[str]:
         steps = np.abs(np.diff(loop.record.displacement_mm[loop.averager.index], append=np.nan))
         flank = float(np.ptp(loop.displacement_mm) / np.median(np.fmax.reduceat(steps, first)))
         share = flank * loop.n_cycles / steps.size
-        least, points = FEWEST_PER_CYCLE / 2, 2 * (loop.harmonics_N.size - 1)  # as of a sine's half cycle
-        if min(flank, points * share) < least:
+        samples, shortest = FEWEST_PER_CYCLE / 2, 1 / (loop.harmonics_N.size - 1)  # half a sine; the last harmonic
+        if flank < samples or share < shortest:
             raise CampaignError(
                 f"{loop.file}: the displacement returns in {flank:.2g} samples, {100 * share:.2g} % of a cycle, which "
-                f"gives a wrong amplitude and energy. Return more slowly, in {least:g} samples and "
-                f"{100 * least / points:.2g} % of a cycle at least"
+                f"gives a wrong amplitude and energy. Return more slowly, in {samples:g} samples and "
+                f"{100 * shortest:.2g} % of a cycle at least"
             )
     if not loop.corners_gap:
         return []
