@@ -28,7 +28,7 @@ MAIN = 0.55  # share of the cycles at one level from which the others are run-in
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
 PAUSE = 0.8, 0.1  # of a usual cycle in which nothing crosses the middle, or all stands still: a pause
 STILL = 0.25  # of what is not seen as a cycle: noise is half of it, and the way through the middle three times
-SIZE_ALONE = np.array([1.0, 0.0])  # half cycles are told by their size: the last of a level may be cut short
+SIZE_ALONE = np.array([1.0, 0.0])  # half cycles are compared by size alone: the last of a level may be cut short
 FEWEST = 4  # cycles below which nothing is assessed
 
 
@@ -118,7 +118,7 @@ def _by_cycles(
     """Size of each cycle between times (n + 1,), logarithms of that and of its frequency (n, 2), the levels among them
     and the kind of drive; "" where too few cycles are seen."""
     per_cycle = np.diff(np.searchsorted(time_s, times))
-    none = np.empty(0), np.empty((0, 2)), [], ""
+    none: tuple[Array, Array, list[tuple[int, int]], str] = np.empty(0), np.empty((0, 2)), [], ""
     if times.size <= FEWEST or per_cycle.min() < 4:
         return none
     phase = phase_between(time_s, times, np.arange(float(times.size)))

@@ -82,7 +82,7 @@ def _least(lags: Array, off: Array, near: float) -> tuple[float, float]:
     """The lag near another one after which a signal is most like itself, by a parabola, and how unlike it is then."""
     a, b = np.searchsorted(lags, [(1 - SEARCH) * near, (1 + SEARCH) * near])
     k = min(max(a + int(np.argmin(off[a : b + 1])), 1), lags.size - 2)
-    fall, bend = (off[k - 1] - off[k + 1]) / 2, off[k - 1] - 2 * off[k] + off[k + 1]
-    shift = float(np.clip(fall / bend, -1.0, 1.0)) if bend > 0 else 0.0
-    least = float(off[k]) - shift * fall + shift**2 * bend / 2
+    fall, curvature = (off[k - 1] - off[k + 1]) / 2, off[k - 1] - 2 * off[k] + off[k + 1]
+    shift = float(np.clip(fall / curvature, -1.0, 1.0)) if curvature > 0 else 0.0
+    least = float(off[k]) - shift * fall + shift**2 * curvature / 2
     return float(lags[k] + shift * lags[1]), float(np.sqrt(max(least, 0.0)))
