@@ -57,6 +57,24 @@ def test_what_was_probably_meant_is_said(capsys):
     assert 'Did you mean "loo"?' in capsys.readouterr().err
 
 
+def test_the_tab_key_offers_the_names_that_an_option_takes():
+    from bayes_iwan.comparison.families import FAMILIES
+    from bayes_iwan.diagnosis.diagnosis import BASES
+
+    (commands,) = (a.choices for a in cli.parser()._actions if a.choices)
+    offered = {
+        (name, flag): list(action.completer(prefix="", parsed_args=None))
+        for name, one in commands.items()
+        for action in one._actions
+        for flag in action.option_strings
+        if getattr(action, "completer", None)
+    }
+    assert offered["compare", "--families"] == list(FAMILIES) and offered["diagnose", "--base"] == list(BASES)
+    assert offered["import", "--unit"] == offered["import", "--gain"] == [f"{x}=" for x in cli.campaigns.ROLES]
+    assert "fmu" in offered["export", "--to"] and "cp1252" in offered["import", "--encoding"]
+    assert offered["import", "--reverse"] == ["displacement", "acceleration", "force"]
+
+
 def test_an_export_is_named_after_its_run_and_target(tmp_path, monkeypatch):
     named = []
     export = next(x for x in cli.COMMANDS if x.name == "export")

@@ -80,7 +80,7 @@ def parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         for x in entry.arguments:
-            one.add_argument(*x.flags, **x.options)
+            one.add_argument(*x.flags, **x.options).completer = x.offers  # type: ignore[attr-defined]
         one.add_argument("-v", "--verbose", action="store_true", help="say more: what is run where, errors in full")
         one.set_defaults(run=entry.run, command=entry.name)
     return top

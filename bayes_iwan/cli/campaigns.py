@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
+from encodings.aliases import aliases
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +13,13 @@ from bayes_iwan.terminal import plain
 
 if TYPE_CHECKING:
     from bayes_iwan.campaign.importing import ImportAsks, Question, Recipe
+
+
+ROLES = ("time", "displacement", "acceleration", "force")
+
+
+def _roles(**_: object) -> Iterable[str]:
+    return (f"{x}=" for x in ROLES)
 
 
 @command(
@@ -36,20 +45,35 @@ if TYPE_CHECKING:
         "--unit",
         "ROLE=UNIT",
         'unit of the samples: --unit "force=kN"; --unit "force=100 N" where a sample of 1 is 100 N',
+        _roles,
     ),
     several(
-        "--sensitivity", "ROLE=VALUE", 'of the transducer whose volts the samples are: --sensitivity "force=9.55 mV/N"'
+        "--sensitivity",
+        "ROLE=VALUE",
+        'of the transducer whose volts the samples are: --sensitivity "force=9.55 mV/N"',
+        _roles,
     ),
-    several("--gain", "ROLE=X", 'of an amplifier, divided out: --gain "force=10"'),
-    several("--reverse", "ROLE", "turn the sign round: --reverse force"),
+    several("--gain", "ROLE=X", 'of an amplifier, divided out: --gain "force=10"', _roles),
+    several("--reverse", "ROLE", "turn the sign round: --reverse force", lambda **_: ROLES[1:]),
     argument(
         "--sample-rate",
         metavar="HZ",
         help='where the files do not say it; "none" where rows have no clock (a quasi-static test)',
+        offers=lambda **_: ("none",),
     ),
-    argument("--separator", metavar="CHAR", help="of text files: tab, comma, semicolon, blank or a character"),
+    argument(
+        "--separator",
+        metavar="CHAR",
+        help="of text files: tab, comma, semicolon, blank or a character",
+        offers=lambda **_: ("tab", "comma", "semicolon", "blank"),
+    ),
     argument("--decimal", choices=(".", ","), help="decimal mark of text files; found if not said"),
-    argument("--encoding", metavar="NAME", help="of text files (cp1252, utf-16 ...); found if not said"),
+    argument(
+        "--encoding",
+        metavar="NAME",
+        help="of text files (cp1252, utf-16 ...); found if not said",
+        offers=lambda **_: set(aliases.values()),
+    ),
     argument("--name", metavar="TEXT", help="of the specimen (default: the folder's name)"),
     examples=(
         'bayes-iwan import "run1.csv" "run2.csv" --out campaign',
@@ -107,9 +131,8 @@ def _recipe(args: argparse.Namespace) -> Recipe:
         text = text.lower().removesuffix("hz").strip()
         return text if text == NO_CLOCK else number("sample-rate", text)
 
-    roles = ("time", "displacement", "acceleration", "force")
     recipe = Recipe(
-        channels={role: getattr(args, role) for role in roles if getattr(args, role)},
+        channels={role: getattr(args, role) for role in ROLES if getattr(args, role)},
         units=by_role("unit"),
         sensitivities=by_role("sensitivity"),
         gains={role: number("gain", value) for role, value in by_role("gain").items()},
@@ -125,8 +148,8 @@ def _complete(args: argparse.Namespace, asks: ImportAsks) -> str:
     """The command as it was given with what is missing put in."""
     words = list(args.words)
     for question in asks.questions:
-        words = _with(words, question, question.placeholder)
-    return quoted(["bayes-iwan", *words]).replace(" NAME", ' "NAME"')
+        words = _with(words, question, "")
+    return quoted(["bayes-iwan", *words])
 
 
 def _with(words: list[str], question: Question, answer: str) -> list[str]:

@@ -5,22 +5,25 @@ import logging
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bayes_iwan.terminal import plain
 
 Function = Callable[[argparse.Namespace], int | None]
+Offers = Callable[..., Iterable[str]]
 LOG = logging.getLogger("bayes_iwan.cli")
 
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument: its name or flags, and options as `argparse.add_argument` takes them."""
+    """An argument: its name or flags, options as `argparse.add_argument` takes them, and what the tab key offers, where
+    that is no file (argcomplete calls it with keywords)."""
 
     flags: tuple[str, ...]
     options: dict[str, Any]
+    offers: Offers | None = None
 
 
 @dataclass(frozen=True)
@@ -35,9 +38,9 @@ class Command:
     examples: tuple[str, ...] = ()
 
 
-def argument(*flags: str, **options: object) -> Argument:
+def argument(*flags: str, offers: Offers | None = None, **options: object) -> Argument:
     """An argument as `argparse.add_argument` takes it."""
-    return Argument(flags, options)
+    return Argument(flags, options, offers)
 
 
 def command(name: str, help: str, *arguments: Argument, examples: Sequence[str] = ()) -> Callable[[Function], Command]:
@@ -87,9 +90,9 @@ def former_dask(text: str) -> None:
     raise argparse.ArgumentTypeError(f"is called --workers now; write --workers {text}")
 
 
-def several(flag: str, metavar: str, help: str) -> Argument:
+def several(flag: str, metavar: str, help: str, offers: Offers | None = None) -> Argument:
     """An option that may be given several times."""
-    return argument(flag, metavar=metavar, action="append", default=[], help=help)
+    return argument(flag, offers=offers, metavar=metavar, action="append", default=[], help=help)
 
 
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")

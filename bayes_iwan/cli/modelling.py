@@ -1,7 +1,7 @@
 """Commands that fit a model or use a fitted one: identify, report, compare, diagnose, batch, export."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from bayes_iwan.cli.command import (
@@ -25,6 +25,18 @@ CHAINS_IN = 2
 #: processes that work on one diagnosis where nobody says how many: rounds of refits have few pieces
 WORKERS_MOST = 4
 TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")
+
+
+def _families(**_: object) -> Iterable[str]:
+    from bayes_iwan.comparison.families import FAMILIES
+
+    return FAMILIES
+
+
+def _bases(**_: object) -> Iterable[str]:
+    from bayes_iwan.diagnosis.diagnosis import BASES
+
+    return BASES
 
 
 def going_on(args: argparse.Namespace, words: Sequence[str]) -> str:
@@ -121,7 +133,7 @@ def run_report(args: argparse.Namespace) -> None:
     "fit model families to a campaign and rank them by how well they predict",
     CAMPAIGN,
     *RESULTS,
-    argument("--families", metavar="NAME", nargs="+", help="families to compare (default: all)"),
+    argument("--families", metavar="NAME", nargs="+", help="families to compare (default: all)", offers=_families),
     CONFIG,
     own_file("--simulator", "Python file with a model of your own to compare too"),
     argument(
@@ -152,6 +164,7 @@ def run_compare(args: argparse.Namespace) -> None:
         "--base",
         metavar="NAME",
         default="generalized",
+        offers=_bases,
         help="model to start from: generalized (default), no_speed or classical",
     ),
     CONFIG,
@@ -218,7 +231,7 @@ def run_batch(args: argparse.Namespace) -> int:
     "export",
     "the identified device as files that run elsewhere: C, FMU, OpenSees, MuJoCo, Drake, JSON",
     argument("folder", metavar="RUN", help="folder that identify or diagnose wrote"),
-    argument("--to", metavar="TARGET", required=True, help=", ".join(TARGETS)),
+    argument("--to", metavar="TARGET", required=True, help=", ".join(TARGETS), offers=lambda **_: TARGETS),
     OUT,
     argument("--draws", metavar="N", type=int, default=20, help="draws beside the point estimate (default: 20)"),
     argument("--campaign", metavar="DIR", help="the campaign's folder: for a diagnosis, or where it has moved"),

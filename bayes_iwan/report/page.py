@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from bayes_iwan import __version__
@@ -68,13 +68,11 @@ class Picture:
         return self.renderer.rendered(self.order)
 
     def __html__(self) -> str:
-        picture = self.rendered.svg
-        if self.order.raster:
-            data = base64.b64encode(self.rendered.png).decode()
-            picture = Markup(f'<img alt="{escape(self.order.alt)}" src="data:image/png;base64,{data}">')
         phone = None if self.phone is None else self.renderer.rendered(self.phone).svg
         width = round(PIXELS * self.figure.get_size_inches()[0])
-        return template("figure.html", picture=picture, phone=phone, caption=self.caption, file=self.name, width=width)
+        return template(
+            "figure.html", picture=self.rendered.svg, phone=phone, caption=self.caption, file=self.name, width=width
+        )
 
 
 def anchor_of(heading: str) -> str:
@@ -148,9 +146,8 @@ class Body:
         said = [(a, self._said(b), "" if c in ("", "-", "–") else self._said(c)) for a, b, c in rows]
         return self.html(template("symbols.html", rows=said))
 
-    def figure(self, figure: Figure | None, caption: str, alt: str, png: bool = False, name: str | None = None) -> Body:
-        """A matplotlib figure, as inline SVG or (png) an embedded picture, and as files when the page is written; None
-        shows nothing.
+    def figure(self, figure: Figure | None, caption: str, alt: str, name: str | None = None) -> Body:
+        """A matplotlib figure, as inline SVG, and as files when the page is written; None shows nothing.
 
         alt says what a reader would see in it; name is that of the files (default: the section's and a number). The
         figure is not to be changed afterwards.
@@ -159,10 +156,10 @@ class Body:
             return self.html(Markup())
         relabel(figure, self.page.units)
         number = f"{self.anchor}-f{len(self.figures) + 1}"
-        order, phone, renderer = Order(number, self._said(alt), png, FILES), None, self.page.renderer
+        order, phone, renderer = Order(number, self._said(alt), FILES), None, self.page.renderer
         renderer.order(order, figure)
         if isinstance(figure, Shown) and figure.for_phone is not None:
-            again, phone = figure.for_phone(), Order(f"{number}-phone", self._said(alt), False, ())
+            again, phone = figure.for_phone(), Order(f"{number}-phone", self._said(alt), ())
             relabel(again, self.page.units)
             renderer.order(phone, again)
         picture = Picture(figure, self._said(caption), name or number, order, renderer, phone)

@@ -25,14 +25,12 @@ import numba as nb
 from markupsafe import Markup
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
-from PIL import Image
 from pypdf import PdfReader, PdfWriter
 
 from bayes_iwan.report.style import DPI, RC, settle
 from bayes_iwan.report.svg import svg
 
-#: of a picture within a page; and PNG files: a little larger than the smallest files, in a third of the time
-COLOURS = 128
+#: PNG files a little larger than the smallest, in a third of the time
 _PNG: dict[str, Any] = {"format": "png", "dpi": DPI, "pil_kwargs": {"compress_level": 3}}
 #: the second process: deaf to Ctrl-C from its first line on, it ends when its input does
 _SERVE = (
@@ -43,12 +41,11 @@ _SERVE = (
 
 @dataclass(frozen=True)
 class Order:
-    """What a figure is to become: an <svg> whose ids begin with `name`, or (raster) a picture as its PNG file is;
-    and files of some kinds, "png" and "pdf". alt : what a reader would see in it."""
+    """What a figure is to become: an <svg> whose ids begin with `name`, and files of some kinds, "png" and "pdf".
+    alt : what a reader would see in it."""
 
     name: str
     alt: str
-    raster: bool
     files: tuple[str, ...]
 
 
@@ -73,15 +70,15 @@ class Batch:
         settle(figure)
         with mpl.rc_context(RC):
             png = b""
-            if order.raster or "png" in order.files:
+            if "png" in order.files:
                 content = io.BytesIO()
                 figure.savefig(content, **_PNG)
-                png = _fewer_colours(content) if order.raster else content.getvalue()
+                png = content.getvalue()
             if "pdf" in order.files:
                 self._pages = self._pages or PdfPages(self._whole, metadata={"CreationDate": None})
                 self._pages.savefig(figure)  # type: ignore[no-untyped-call]
                 self._names.append(order.name)
-        return Rendered(Markup() if order.raster else svg(figure, order.name, order.alt), png)
+        return Rendered(svg(figure, order.name, order.alt), png)
 
     def pdfs(self) -> dict[str, bytes]:
         """The PDF file of every figure that was to have one, by the order's name. Nothing can be drawn afterwards."""
@@ -278,11 +275,3 @@ def _receive(pipe: IO[bytes]) -> Any:
     if not content:
         raise EOFError("the other process has ended")
     return ForkingPickler.loads(content)
-
-
-def _fewer_colours(png: io.BytesIO) -> bytes:
-    """The same picture with a palette, a third as large: it goes into a page."""
-    out = io.BytesIO()
-    with Image.open(png) as picture:
-        picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(out, "png")
-    return out.getvalue()

@@ -122,9 +122,9 @@ def test_a_unit_that_may_be_a_force_s(tmp_path, unit):
 @pytest.mark.parametrize(
     ("head", "asked"),
     [
-        (["Time (s);Disp (um);Force (N)", "s;um;kN"], "force=UNIT"),
-        (["Time (ms);Disp (um);Force (N)", "s;um;N"], "time=ms"),
-        (["Time [Tage];Disp [um];Force [N]"], "time=ms"),
+        (["Time (s);Disp (um);Force (N)", "s;um;kN"], "force=<UNIT>"),
+        (["Time (ms);Disp (um);Force (N)", "s;um;N"], "time=<ms>"),
+        (["Time [Tage];Disp [um];Force [N]"], "time=<ms>"),
     ],
 )
 def test_units_that_contradict_each_other_or_are_not_known_are_asked_of(tmp_path, head, asked):

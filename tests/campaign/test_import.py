@@ -180,7 +180,7 @@ def test_channels_are_asked_for_where_they_cannot_be_told(table, record):
         import_tests([path])
     with pytest.raises(
         CampaignError,
-        match=r"a\.csv: 'ai1' \(displacement\) states no unit .*--unit \"displacement=UNIT\" --unit \"force=UNIT\"$",
+        match=r"a\.csv: 'ai1' \(displacement\) states no .*--unit \"displacement=<UNIT>\" --unit \"force=<UNIT>\"$",
     ):
         import_tests([path], Recipe(channels={"displacement": "ai1", "force": "ai2"}))
     both = Recipe(channels={"displacement": "2", "force": "AI2"}, units={"displacement": "mm", "force": "N"})
@@ -236,16 +236,26 @@ def test_sample_rates(table, record):
         (lambda t: t[::-1], "runs backwards: .* turn their order round"),
         (lambda t: np.random.default_rng(0).permutation(t), "is in no order: .*Export the recording again"),
         (np.zeros_like, "does not move"),
+        (lambda t: t - 0.1 * (t > 0.3), "does not increase at sample"),
     ],
-    ids=["backwards", "shuffled", "still"],
+    ids=["backwards", "shuffled", "still", "jumps back"],
 )
 def test_a_time_that_is_in_no_order_is_said_to_be(table, record, order, words):
     r = record(noise_N=0.002)
     path = table("a.csv", {"t [s]": order(r.time_s), "Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N})
-    with pytest.raises(CampaignError, match=f"^a.csv: the time 't' {words}.*--time none --sample-rate HZ"):
-        import_tests([path])
+    for recipe in (Recipe(), Recipe(sample_rate_hz=1280)):  # a rate does not pass over it
+        with pytest.raises(CampaignError, match=f"^a.csv: the time 't' {words}.*--time none --sample-rate HZ"):
+            import_tests([path], recipe)
     (test,) = import_tests([path], Recipe(channels={"time": "none"}, sample_rate_hz=1280))
     np.testing.assert_allclose(test.record.time_s, r.time_s, atol=1e-9)
+
+
+def test_a_time_that_repeats_beside_a_stated_rate_is_said(table, record):
+    r = record(noise_N=0.002)
+    time = np.where(np.arange(r.time_s.size) == 200, r.time_s[199], r.time_s)
+    path = table("a.csv", {"t [s]": time, "Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N})
+    (test,) = import_tests([path], Recipe(sample_rate_hz=1280))
+    assert any("repeats 1 time(s): a row written twice, or lost?" in w for w in test.record.warnings)
 
 
 def test_a_clock_in_milliseconds_since_1970_named_seconds(tmp_path, record):

@@ -288,7 +288,7 @@ def test_rows_with_remarks_beside_them_are_samples(tmp_path):
 
 def test_what_is_asked_of_channels_that_are_not_chosen_yet_is_asked_at_once(tmp_path):
     (tmp_path / "a.csv").write_text(table(["t (s),force.x,force.z,pos"], T, F, F + 1, X))
-    with pytest.raises(CampaignError, match=r'--force "NAME" --unit "force=UNIT" --unit "displacement=UNIT"'):
+    with pytest.raises(CampaignError, match=r'--force "<NAME>" --unit "force=<UNIT>" --unit "displacement=<UNIT>"'):
         import_tests([tmp_path / "a.csv"])
 
 

@@ -148,9 +148,24 @@ def test_a_population_that_does_not_fit_gets_no_band():
         found = population(specimens)
         batch = SimpleNamespace(populations={"k": found}, spread_unit=lambda _: (100.0, "%"), label=str)
         ((label, count, typical, spread, further, p),) = Answer(batch).populations()
-        assert found.believed == believed and (label, count) == ("k", len(specimens))
+        assert (not found.doubt) == believed and (label, count) == ("k", len(specimens))
         assert (typical != "does not fit") == bool(spread) == bool(further) == believed
         assert (float(p) >= 0.01) == believed
+
+
+@pytest.mark.parametrize("end", ["lower", "upper"])
+def test_a_population_of_which_data_set_one_end_alone_gets_no_band(end):
+    """Data said "less than so much": typical values were then the prior's tail, known within a few tenths."""
+    rng = np.random.default_rng(4)
+    side, specimens = (1.0 if end == "lower" else -1.0), []
+    for edge in 0.2 * rng.standard_normal(12):
+        z = rng.standard_normal(20000)
+        kept = z[rng.random(z.size) < stats.norm.cdf((edge - z) / 0.3)][:3000]
+        specimens.append(SpecimenDraws(f"s{edge}", np.exp(side * kept), np.exp(rng.standard_normal(4000))))
+    batch = SimpleNamespace(populations={"k": population(specimens)}, spread_unit=lambda _: (100.0, "%"), label=str)
+    assert Answer(batch).populations()[0][2:5] == (f"{end} end not known", "", "")
+    for known in (0.1, 1.0, 10.0):  # however little is known, from both sides
+        assert not population(drawn(rng, 12, 1.5, 0.05, known)).open_end
 
 
 def test_a_quantity_of_either_sign_and_too_few_specimens():

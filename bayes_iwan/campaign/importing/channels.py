@@ -158,8 +158,8 @@ def _times(recording: Recording, channel: Channel, used: list[Channel], recipe: 
         if not any(c is x for x in used) and c.values.size == channel.values.size and is_time(c)
     ]
     some = [c for c in clocks if _rises(c.values)]
-    known = recipe.sample_rate_hz or channel.rate_hz
-    if clocks and not some and not known and (role_of(clocks[0].unit) or not recording.rate_hz):
+    known = channel.rate_hz or not recipe.clock
+    if clocks and not some and not known and (role_of(clocks[0].unit) or recipe.rate_hz or not recording.rate_hz):
         raise CampaignError(f"{recording.where}: {_disorder(clocks[0])}")
     some = [c for c in some if c.group == channel.group] or [c for c in some if not c.group] or some
     some = [c for c in some if not (np.diff(c.values) < 0).any()] or some  # not one that starts anew at each cycle

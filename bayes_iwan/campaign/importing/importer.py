@@ -28,7 +28,7 @@ from bayes_iwan.campaign.importing.questions import ImportAsks, Question
 from bayes_iwan.campaign.importing.read import read_files
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.scaling import moments_unit, scaled, times_of
+from bayes_iwan.campaign.importing.scaling import FEW_REPEATED, moments_unit, scaled, times_of
 from bayes_iwan.campaign.importing.unit_texts import role_of
 from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
@@ -222,7 +222,7 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             return [_RATE]
         if time is not None and channel.rate_hz is None:
             steps = np.diff(time.values)
-            if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
+            if (steps >= 0).all() and np.count_nonzero(steps == 0) > FEW_REPEATED * steps.size:
                 return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
             if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
                 return [Question("--sample-rate", "", "none", _ROWS.format(time.name))]
@@ -301,6 +301,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units, recipe.clock)
     drive = None if split else assess_drive(time_s, level)
     if drive is not None and drive.kind == "levels":
+        _one_run(recording, found, recipe, split=True)  # refuses levels that are all too short
         text = (
             f"It is {staircase_said(drive, recipe.clock)}, which would look like one specimen that changes: make a "
             "test of each."

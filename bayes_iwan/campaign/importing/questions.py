@@ -10,8 +10,8 @@ from bayes_iwan.campaign.recording.records import CampaignError
 class Question:
     """What is missing, and what answers it on the command line.
 
-    option : "--force", "--unit" ...; role : of an option that is given for each role, else "". placeholder : stands for
-    the answer. text : one sentence. check : raises CampaignError for an answer that cannot be.
+    option : "--force", "--unit" ...; role : of an option that is given for each role, else "". placeholder : an example
+    of the answer, which in < > is none. text : one sentence. check : raises CampaignError for an answer that cannot be.
     """
 
     option: str
@@ -20,8 +20,9 @@ class Question:
     text: str
     check: Callable[[str], object] = str
 
-    def words(self, answer: str) -> tuple[str, ...]:
-        """Option and value as a command line has them."""
+    def words(self, answer: str = "") -> tuple[str, ...]:
+        """Option and value as a command line has them; without an answer what it must be put in the place of."""
+        answer = answer or f"<{self.placeholder}>"
         return (self.option, f"{self.role}={answer}" if self.role else answer)[: 2 if self.placeholder else 1]
 
 
@@ -32,6 +33,6 @@ class ImportAsks(CampaignError):
         unique = {(q.option, q.role): q for q in reversed(questions)}
         self.where, self.questions = where, tuple(reversed(unique.values()))
         self.facts = f"{where}: {' '.join(q.text for q in self.questions)}"
-        words = (q.words(q.placeholder) for q in self.questions)
+        words = (q.words() for q in self.questions)
         options = " ".join('{} "{}"'.format(*x) if x[1:] else x[0] for x in words)
         super().__init__(f"{self.facts} Say it with {options}")

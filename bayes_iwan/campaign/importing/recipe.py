@@ -63,6 +63,11 @@ class Recipe:
         only(self.specimen, set(SPECIMEN), "import specimen")
         if {"displacement", "acceleration"} <= set(self.channels):
             raise CampaignError("import: name a displacement or an acceleration, not both")
+        for role, said in (*self.units.items(), *self.sensitivities.items()):
+            if "<" in said:
+                raise CampaignError(
+                    f'import: "{role}={said}" is an example; write what is right in its place, without < >'
+                )
         for role, gain in self.gains.items():
             if not isinstance(gain, int | float) or isinstance(gain, bool) or not abs(gain) > 0:  # type: ignore[redundant-expr]
                 raise CampaignError(f"import: the gain of {role} must be a number other than 0, not {shown(gain)}")

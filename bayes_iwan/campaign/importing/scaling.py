@@ -15,6 +15,7 @@ DAY_NUMBERS = (30_000.0, 60_000.0), (715_000.0, 750_000.0), (2_445_000.0, 2_471_
 YEARS_S = 3.8e8, 2.6e9  # the same years, in seconds since 1970
 SINCE_1970 = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SINGLE_S = {"s": 1.0, **SINCE_1970, "min": 60.0, "hour": 3600.0, "day": 86_400.0}
+FEW_REPEATED = 0.02  # of the times: more of them are rounded
 SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other
 
 
@@ -63,6 +64,7 @@ def times_of(
     time, _ = converted(raw, unit, "", "time", f"{where}: {clock.name!r}")
     lines = [f"time: {clock.name!r}: {wrapped}"] if wrapped else []
     rate: float | None = asked or from_file
+    _refuse_falling(time, clock.name, where, np.less)
     if rate is not None and abs(_usual_rate(time) / rate - 1) > 0.02:
         rounded = (np.diff(time) >= 0).all() and (np.diff(time) == 0).any()
         if not rounded and (asked or not stated):
@@ -75,23 +77,34 @@ def times_of(
             warnings = (f"the file says {rate:g} samples a second, its time {_usual_rate(time):.6g}: the time is used",)
             rate = None
     if rate is not None:
+        same = int(np.count_nonzero(np.diff(time) == 0))
+        if 0 < same <= FEW_REPEATED * n:
+            warnings += (
+                f"{clock.name!r} repeats {same} time(s): a row written twice, or lost? Rows are taken as even",
+            )
         time = on_grid_of_rate(time, rate)
     start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())
     if "time" not in recipe.units:
         check_epoch(where, start, "Say --unit time=ms")
-    if not (np.diff(time[np.isfinite(time)]) > 0).all():
-        k = int(np.argmin(np.nan_to_num(np.diff(time), nan=1.0) > 0))
-        raise CampaignError(
-            f"{where}: the time {clock.name!r} does not increase at sample {k + 2} ({time[k]:.12g} s, then "
-            f"{time[k + 1]:.12g} s): neither a counter that starts again nor a new run. Name another with --time NAME, "
-            "or leave it out with --time none --sample-rate HZ"
-        )
+    _refuse_falling(time, clock.name, where, np.less_equal)
     shared = recording.rate_hz is None and channel.rate_hz is None and asked is None
     per_second = f"{_usual_rate(time):.6g} samples a second"
     taken = unit if stated else f"no unit: taken for {unit}"
     if unit == "s" and not stated and rate is None:
         warnings += (f'{clock.name!r} states no unit and is taken for {unit}: else say --unit "time=min"',)
     return time, None if shared else rate, [*lines, f"time: {clock.name!r} ({taken}), {per_second}"], warnings
+
+
+def _refuse_falling(time: Array, name: str, where: str, falls: np.ufunc) -> None:
+    """Raise CampaignError where a time (n,) goes back, or (falls : np.less_equal) repeats."""
+    known = np.flatnonzero(np.isfinite(time))
+    if (wrong := falls(np.diff(time[known]), 0.0)).any():
+        a, b = known[int(np.argmax(wrong)) :][:2]
+        raise CampaignError(
+            f"{where}: the time {name!r} does not increase at sample {b + 1} ({time[a]:.12g} s, then "
+            f"{time[b]:.12g} s): neither a counter that starts again nor a new run. Name another with --time NAME, "
+            "or leave it out with --time none --sample-rate HZ"
+        )
 
 
 def moments_unit(time: Array) -> str:

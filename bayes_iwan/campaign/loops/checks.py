@@ -122,7 +122,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     loop = average(record, n_blocks=1)
     record, drifts = level_record(record, loop, line_mm)
     loop = average(record, n_blocks=1) if record is not loop.record else loop
-    notes = [*record.warnings, *drifts]
+    notes, corners = [*record.warnings, *drifts], _corners(loop)
     counted = _counted_frequency(record.time_s, loop.frequency_hz)
     if abs(loop.frequency_hz / record.frequency_hz - 1) > NOMINAL_TOLERANCE >= abs(counted / record.frequency_hz - 1):
         notes.append(
@@ -149,7 +149,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
             "is aliased. Sample faster"
         )
     notes += _angle(loop)
-    notes += _corners(loop)
+    notes += corners
     notes += disturbances(loop)
     static, height = float(loop.harmonics_N[0].real), float(np.ptp(loop.force_N))
     if abs(static) > PRELOAD * height:
@@ -210,7 +210,22 @@ def _unused(record: Record, loop: Loop) -> list[str]:
 
 
 def _corners(loop: Loop) -> list[str]:
-    """A drive with corners is kept whole, but what the channels make of the corners is not the specimen's doing."""
+    """A drive with corners is kept whole, but what the channels make of the corners is not the specimen's doing.
+
+    Raises CampaignError for a flank that neither the samples nor the loop's harmonics follow.
+    """
+    if loop.corners:
+        first = np.searchsorted(np.floor(loop.averager.phase), loop.cut.cycles)
+        steps = np.abs(np.diff(loop.record.displacement_mm[loop.averager.index], append=np.nan))
+        flank = float(np.ptp(loop.displacement_mm) / np.median(np.fmax.reduceat(steps, first)))
+        share = flank * loop.n_cycles / steps.size
+        samples, shortest = FEWEST_PER_CYCLE / 2, 1 / (loop.harmonics_N.size - 1)  # half a sine; the last harmonic
+        if flank < samples or share < shortest:
+            raise CampaignError(
+                f"{loop.file}: the displacement returns in {flank:.2g} samples, {100 * share:.2g} % of a cycle, which "
+                f"gives a wrong amplitude and energy. Return more slowly, in {samples:g} samples and "
+                f"{100 * shortest:.2g} % of a cycle at least"
+            )
     if not loop.corners_gap:
         return []
     return [

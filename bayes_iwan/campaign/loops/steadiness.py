@@ -54,14 +54,14 @@ def cycles_of(loop: Loop, n_harmonics: int = SHAPE_HARMONICS) -> Cycles:
     """The cycles that a loop was averaged over, by so many harmonics as their samples resolve."""
     record, cut = loop.record, loop.cut
     number = cut.cycles
-    n_shape = int(max(1, min(n_harmonics, 0.4 * cut.index.size / number.size)))
+    # of a multisine the strongest harmonic tells: its fundamental may be nothing
+    order = 1 + int(np.argmax(np.abs(np.fft.rfft(loop.displacement_mm)[1:])))
+    n_shape = int(max(1, min(max(n_harmonics, order), 0.4 * cut.index.size / number.size)))
     # what the force still shows of the time before the record is none of its first cycle: the next one's part stands in
     before = (cut.phase >= 0) & (cut.phase < cut.late)
     force = np.where(before, np.interp(cut.phase + 1, cut.phase, record.force_N), record.force_N)
     u, f = cycle_shapes(cut.phase, number, [record.displacement_mm, force], n_shape)
     middle = np.interp(number + 0.5, cut.phase, record.time_s)
-    # of a multisine the strongest harmonic tells: its fundamental may be nothing
-    order = 1 + int(np.argmax(np.abs(np.mean(u[:, 1 : n_shape + 1] + 1j * u[:, n_shape + 1 :], axis=0))))
     strongest = u[:, order] + 1j * u[:, order + n_shape]
     ahead = np.angle(strongest / strongest.sum()) / (2 * np.pi * order)
     # the phase that follows the crossings hides their wander: the clock's line is taken off the times instead

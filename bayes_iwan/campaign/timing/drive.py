@@ -28,6 +28,7 @@ MAIN = 0.55  # share of the cycles at one level from which the others are run-in
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
 PAUSE = 0.8, 0.1  # of a usual cycle in which nothing crosses the middle, or all stands still: a pause
 STILL = 0.25  # of what is not seen as a cycle: noise is half of it, and the way through the middle three times
+SIZE_ALONE = np.array([1.0, 0.0])  # half cycles are compared by size alone: the last of a level may be cut short
 FEWEST = 4  # cycles below which nothing is assessed
 
 
@@ -74,7 +75,8 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
     noise = float(np.median(np.abs(np.diff(displacement, 2)))) * 1.4826 / np.sqrt(6)
     middle, hysteresis = (low + high) / 2, min(max(smallest, 8 * noise / half), HYSTERESIS)
     times = crossings(time_s, displacement, middle, half, hysteresis=hysteresis, ends=True)
-    pauses = _pauses(time_s, displacement - middle, hysteresis * half, times)
+    repeats = whole_period(time_s, displacement, times)  # a multisine swings little for a while, which is no pause
+    pauses = _pauses(time_s, displacement - middle, hysteresis * half, times) if repeats is None else []
     whole = whole_s = time_s
     if pauses:  # levels with pauses between them: seen without the pauses
         moving = np.ones(time_s.size, dtype=bool)
@@ -85,20 +87,48 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
         time_s, whole_s, displacement = time_s[moving], whole_s[moving], displacement[moving]
         half = float(np.ptp(np.percentile(displacement, [0.5, 99.5]))) / 2
         times = crossings(time_s, displacement, middle, half, hysteresis=hysteresis, ends=True)
-    repeats = whole_period(time_s, displacement, times)
     if repeats is not None:
         times = period_marks(time_s, repeats)
-    per_cycle = np.diff(np.searchsorted(time_s, times))
-    if times.size <= FEWEST or per_cycle.min() < 4:
+    size, y, groups, kind = _by_cycles(time_s, displacement, times, half, repeats is not None)
+    if kind in ("drift", "unsteady", "") and smallest > SMALLEST_SPLIT:
+        # a crossing between two levels is off its place by as much as the band around the middle is wide
+        finer = assess_drive(*given, SMALLEST_SPLIT)
+        if finer is not None and finer.kind == "levels":
+            return finer
+    starts = times + (np.interp(times, time_s, whole_s) - np.clip(times, time_s[0], time_s[-1]))
+    ends = 0  # of a level, that may last into a pause
+    if kind != "steady":  # levels that each start anew, wherever in its cycle the one before ended
+        marks, halves = _half_cycles(*given, middle, hysteresis * (high - low) / 2)
+        sizes = halves * SIZE_ALONE
+        apart = _merged(sizes, _segments(sizes / LEVEL, 0, len(halves)), HELD)
+        enough = len(apart) > (len(groups) - bool(pauses) if kind == "levels" else 1) and sum(
+            b - a for a, b in apart
+        ) >= SHORT[1] * len(halves)
+        if enough and _kind(sizes, apart) == "levels":
+            starts, size, y, groups, kind, ends = marks, np.exp(halves[:, 0]), halves, apart, "levels", 1
+    if not kind:
         return None
+    levels = [Level(a, b, *_middle(y[a + ends : b - ends])) for a, b in groups]
+    return Drive(starts, np.exp(y[:, 1]), size, tuple(levels), kind, tuple((whole[a], whole[b - 1]) for a, b in pauses))
+
+
+def _by_cycles(
+    time_s: Array, displacement: Array, times: Array, half: float, multisine: bool
+) -> tuple[Array, Array, list[tuple[int, int]], str]:
+    """Size of each cycle between times (n + 1,), logarithms of that and of its frequency (n, 2), the levels among them
+    and the kind of drive; "" where too few cycles are seen."""
+    per_cycle = np.diff(np.searchsorted(time_s, times))
+    none: tuple[Array, Array, list[tuple[int, int]], str] = np.empty(0), np.empty((0, 2)), [], ""
+    if times.size <= FEWEST or per_cycle.min() < 4:
+        return none
     phase = phase_between(time_s, times, np.arange(float(times.size)))
     # a multisine may have no fundamental: its size is that of all its harmonics
-    harmonics = 1 if repeats is None else max(1, min(24, int(0.4 * per_cycle.min())))
+    harmonics = max(1, min(24, int(0.4 * per_cycle.min()))) if multisine else 1
     (rows,) = cycle_shapes(phase, np.arange(times.size - 1), [displacement], harmonics)
     size = np.sqrt(2) * np.linalg.norm(rows[:, 1:], axis=1)
     size = size * half / max(float(np.percentile(size, 95)), 1e-300)
     if not size.min() > 0:
-        return None
+        return none
     y = np.stack([np.log(size), -np.log(np.diff(times))], axis=1)
     segments = _segments(y / LEVEL, 0, len(y))
     groups = _merged(y, segments, HELD)
@@ -110,14 +140,7 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
         within = sum(b - a for a, b in short if float(np.abs(np.diff(stepped[a:b], axis=0)).mean()) < steady)
         if len(short) > max(len(groups), 1) and within >= share * len(y):
             groups, kind = short, "levels"
-    if kind in ("drift", "unsteady") and smallest > SMALLEST_SPLIT:
-        # a crossing between two levels is off its place by as much as the band around the middle is wide
-        finer = assess_drive(*given, SMALLEST_SPLIT)
-        if finer is not None and finer.kind == "levels":
-            return finer
-    levels = [Level(a, b, *_middle(y[a:b])) for a, b in groups]
-    starts = times + (np.interp(times, time_s, whole_s) - np.clip(times, time_s[0], time_s[-1]))
-    return Drive(starts, np.exp(y[:, 1]), size, tuple(levels), kind, tuple((whole[a], whole[b - 1]) for a, b in pauses))
+    return size, y, groups, kind
 
 
 def _pauses(time_s: Array, values: Array, small: float, times: Array) -> list[tuple[int, int]]:
@@ -135,6 +158,24 @@ def _pauses(time_s: Array, values: Array, small: float, times: Array) -> list[tu
             still = np.flatnonzero(off <= max(6 * spread, 0.01 * small))  # not the ways into the pause and out of it
             out.append((int(a + still[0]), int(a + still[-1]) + 1))
     return out
+
+
+def _half_cycles(time_s: Array, values: Array, middle: float, small: float) -> tuple[Array, Array]:
+    """Times (n + 1,) between swings of values beyond +-small of the middle, to either side or twice to one, and
+    logarithms of their size and frequency, (n, 2)."""
+    values = values - middle
+    side = np.where(np.abs(values) > small, np.sign(values), 0.0)
+    seen = np.flatnonzero((side != 0) | (np.abs(values) < small / 2))
+    begins = np.diff(side[seen], prepend=0.0) != 0
+    first, last = seen[begins & (side[seen] != 0)], seen[np.append(begins[1:], True) & (side[seen] != 0)]
+    at = np.array([a + np.argmin(np.abs(values[a : b + 1])) for a, b in zip([0, *last], [*first, values.size - 1])])
+    at = np.unique(at)
+    size = np.maximum.reduceat(np.abs(values), at[:-1])
+    slope, step = np.gradient(values, time_s)[at], np.gradient(time_s)[at]
+    shift = np.divide(-values[at], slope, out=np.zeros(at.size), where=np.abs(slope) * step > np.abs(values[at]))
+    marks = time_s[at] + shift
+    marks[[0, -1]] += -step[0], step[-1]
+    return marks, np.log(np.stack([size, 0.5 / np.diff(marks)], axis=1))
 
 
 def _middle(y: Array) -> tuple[float, float]:
@@ -254,7 +295,10 @@ def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
     for level in drive.levels:
         # not a sample of the next level: a much larger one would hide this one's crossings
         first, last = drive.start_s[[level.first, level.last]]
-        keep = (record.time_s >= first) & (record.time_s <= last)
+        near = 0.1 / level.frequency_hz  # no sample of the other side of a pause
+        first = max([first, *(b for a, b in drive.pauses_s if a - near < first < b)])
+        last = min([last, *(a for a, b in drive.pauses_s if a < last < b + near)])
+        keep = (record.time_s >= first) & (record.time_s < last)
         for a, b in drive.pauses_s:
             keep &= (record.time_s < a) | (record.time_s > b)
         out.append(

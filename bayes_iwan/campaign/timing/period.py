@@ -1,37 +1,42 @@
 """The period of a drive whose cycles cross the middle several times: multisines, a strong third harmonic."""
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import minimum_filter1d
+from scipy.signal import correlate
 
 from bayes_iwan.arrays import Array
 
 MOST = 40  # crossings in a period
-UNLIKE = 0.3  # RMS from one crossing to the next, over that of two signals without relation: no cycle ends there
-POINTS = 64  # of a cycle that is compared with the next, whatever time each takes
+UNLIKE = 0.05  # RMS from one crossing to the next, over that of two signals without relation: no cycle ends there
+POINTS = 64  # of a cycle that is compared with others
 SMALL = 0.25  # of the amplitude: nearer to the middle no side is counted
-ALIKE = 0.2  # the same from one period to the next
+ALIKE = 0.2  # the same from one period to the next, and over that from one crossing to the next
 SEARCH = 0.02  # of a period that the median of crossings may be off
 
 
 def whole_period(time_s: Array, displacement: Array, times: Array) -> float | None:
     """The period (s) of a motion (n,) that repeats after several upward crossings (m,); None where one is a cycle.
 
-    It is the shortest lag between crossings at which the motion is like itself.
+    It is the shortest lag at which the motion is like itself, and far more so than from one crossing to the next.
     """
-    span = time_s[-1] - time_s[0]
     if times.size < 3:
         return None
+    one = float(np.median(np.diff(times)))
     places = times[:-1, None] + np.diff(times)[:, None] * np.arange(POINTS) / POINTS
     cycles = np.interp(places, time_s, displacement)
-    if np.mean(np.diff(cycles, axis=0) ** 2) < UNLIKE**2 * 2 * np.var(cycles):
-        return None
-    if _unlike(time_s, displacement, float(np.median(np.diff(times)))) < UNLIKE:
+    if np.median(np.mean(np.diff(cycles, axis=0) ** 2, axis=1)) < UNLIKE**2 * 2 * np.var(cycles):
+        return None  # levels that are held: they change between a few cycles only
+    lag, off = _unlike(time_s, displacement, one)
+    first = _least(lag, off, one)[1]
+    if first < UNLIKE:
         return None  # a cycle ends at each crossing but a few: a spike or a dropout made those
-    for m in range(2, min(MOST, times.size - 1) + 1):
-        lag = float(np.median(times[m:] - times[:-m]))
-        if 2 * lag > span * 1.001 + 2 * float(np.median(np.diff(time_s))):
-            return None
-        period, off = _best_lag(time_s, displacement, lag)
-        if off <= ALIKE:
+    span = time_s[-1] - time_s[0]
+    most = min(MOST * one, 0.501 * span + float(np.median(np.diff(time_s))))
+    around = max(3, int(one / lag[1]))
+    for k in np.flatnonzero((off == minimum_filter1d(off, around)) & (lag < most))[1:]:
+        period, least = _least(lag, off, lag[k])
+        if least <= ALIKE * min(first, 1.0):
             return period
     return None
 
@@ -42,7 +47,8 @@ def short_period(time_s: Array, displacement: Array, up: Array, down: Array) -> 
     steps = np.concatenate([np.diff(up), np.diff(down)])
     if not steps.size or np.ptp(steps) > ALIKE * steps.min():
         return None
-    period, off = _best_lag(time_s, displacement, float(np.mean(steps)))
+    one = float(np.mean(steps))
+    period, off = _least(*_unlike(time_s, displacement, one), one)
     step = float(np.median(np.diff(time_s)))
     return period if off <= ALIKE and 2 * period <= time_s[-1] - time_s[0] + 1.01 * step else None
 
@@ -53,19 +59,6 @@ def crossings_a_period(displacement: Array) -> int:
     return int(np.count_nonzero((side > 0) & (np.roll(side, 1) < 0)))
 
 
-def _best_lag(time_s: Array, values: Array, lag: float) -> tuple[float, float]:
-    """The lag near another one after which a signal (n,) is most like itself, and how unlike it is then."""
-    lags = lag * (1 + np.linspace(-SEARCH, SEARCH, 41))
-    for _ in range(4):  # finer each time
-        off = np.array([_unlike(time_s, values, x) for x in lags])
-        k = int(np.argmin(off))
-        best, width = (float(lags[k]), float(off[k])), lags[1] - lags[0]
-        if best[1] > ALIKE:
-            break
-        lags = lags[k] + width * np.linspace(-1, 1, 21)
-    return best
-
-
 def period_marks(time_s: Array, period: float) -> Array:
     """Times at which periods begin, from the record's first sample on; the last may be a sample's step beyond."""
     step = float(np.median(np.diff(time_s)))
@@ -73,10 +66,23 @@ def period_marks(time_s: Array, period: float) -> Array:
     return time_s[0] - 0.005 * step + period * np.arange(n + 1)
 
 
-def _unlike(time_s: Array, values: Array, lag: float) -> float:
-    """RMS of a signal (n,) less itself a lag later, over that of two without relation."""
-    n = int(np.searchsorted(time_s, time_s[-1] - lag, side="right"))
-    if n < 8:
-        return np.inf
-    later = np.interp(time_s[:n] + lag, time_s, values)
-    return float(np.sqrt(np.mean((later - values[:n]) ** 2) / max(2 * float(np.var(values)), 1e-300)))
+def _unlike(time_s: Array, values: Array, one: float) -> tuple[Array, Array]:
+    """Lags (s), POINTS to a cycle of `one` or as fine as the samples, and the mean square of a signal (n,) less itself
+    so much later, over that of two without relation."""
+    n = max(time_s.size, int(POINTS * (time_s[-1] - time_s[0]) / one))
+    even = CubicSpline(time_s, values)(np.linspace(time_s[0], time_s[-1], n))
+    even -= even.mean()
+    upto = np.concatenate([[0.0], np.cumsum(even**2)])
+    lags = np.arange(n - 8)
+    apart = upto[n - lags] + upto[n] - upto[lags] - 2 * correlate(even, even)[n - 1 :][lags]
+    return lags * (time_s[-1] - time_s[0]) / (n - 1), apart / (n - lags) / max(2 * float(np.var(even)), 1e-300)
+
+
+def _least(lags: Array, off: Array, near: float) -> tuple[float, float]:
+    """The lag near another one after which a signal is most like itself, by a parabola, and how unlike it is then."""
+    a, b = np.searchsorted(lags, [(1 - SEARCH) * near, (1 + SEARCH) * near])
+    k = min(max(a + int(np.argmin(off[a : b + 1])), 1), lags.size - 2)
+    fall, curvature = (off[k - 1] - off[k + 1]) / 2, off[k - 1] - 2 * off[k] + off[k + 1]
+    shift = float(np.clip(fall / curvature, -1.0, 1.0)) if curvature > 0 else 0.0
+    least = float(off[k]) - shift * fall + shift**2 * curvature / 2
+    return float(lags[k] + shift * lags[1]), float(np.sqrt(max(least, 0.0)))

@@ -24,6 +24,9 @@ GRID, DRAWS = 40, 160
 LEAST = 3
 #: p-value below which the population model does not fit
 LEAST_FIT = 0.01
+#: data set no end where the likelihood of the outer tenth of draws is at least this share of that of the middle half,
+#: and at most the second at the other end: one as wide as the prior, and normal, has 0.6 at both
+OPEN = 0.8, 0.5
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,8 @@ class Population:
     specimens, as a share of the typical value if `relative`, else in the quantity's unit. next_specimen : 90 % interval
     for a specimen not yet seen. pit : for each specimen the probability of a smaller value, learnt from the others
     alone, with its own posterior's error; uniform where the population is as the model says.
-    centre, error : (specimens,) of each on the scale z, the prior taken off.
+    open_end : "lower" or "upper" where the data of half the specimens or more do not set that end, so that the tail of
+    their prior alone decides; else "". centre, error : (specimens,) of each on the scale z, the prior taken off.
     from_others : (specimens, μ, τ) probability of mean and tau, (μ,) and (τ,), from all others.
     """
 
@@ -98,6 +102,7 @@ class Population:
     spread: tuple[float, float, float]
     next_specimen: tuple[float, float]
     pit: tuple[float, ...]
+    open_end: str
     typical_draws: Array
     coordinate: Coordinate
     centre: Array
@@ -113,9 +118,11 @@ class Population:
         return float(stats.kstest(self.pit, "uniform").pvalue)
 
     @property
-    def believed(self) -> bool:
-        """Do typical value, spread and band say anything: does the population model fit?"""
-        return self.fits() >= LEAST_FIT
+    def doubt(self) -> str:
+        """Why typical value, spread and band say nothing; "" where they do."""
+        if self.open_end:
+            return f"{self.open_end} end not known"
+        return "" if self.fits() >= LEAST_FIT else "does not fit"
 
 
 def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population | None:
@@ -168,6 +175,7 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
         _three(between),
         (float(another[0]), float(another[1])),
         tuple(pit),
+        next((e for e in ("lower", "upper") if 2 * sum(_open_end(s) == e for s in specimens) >= n), ""),
         typical,
         coordinate,
         centre,
@@ -181,6 +189,17 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
 def _three(x: Array) -> tuple[float, float, float]:
     """(5 %, 50 %, 95 %) quantiles as median, low, high."""
     return float(x[1]), float(x[0]), float(x[2])
+
+
+def _open_end(specimen: SpecimenDraws) -> str:
+    """The end of a quantity that a specimen's data do not set, if they set the other."""
+    low, first, third, high = np.quantile(specimen.draws, [0.1, 0.25, 0.75, 0.9])
+    prior = specimen.prior
+    middle = 0.5 / max(float(np.mean((prior > first) & (prior < third))), 1e-9)
+    ends = {"lower": prior < low, "upper": prior > high}
+    share = {end: 0.1 / max(float(np.mean(beyond)), 1e-9) / middle for end, beyond in ends.items()}
+    open_, other = sorted(share, key=lambda end: -share[end])
+    return open_ if share[open_] >= OPEN[0] and share[other] <= OPEN[1] else ""
 
 
 def prior_weights(draws: Array, prior: Array) -> Array:

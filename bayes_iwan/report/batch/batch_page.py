@@ -72,7 +72,11 @@ class Answer(BatchSection):
             size = f" The gap is {100 * np.median(gaps):.2g} % of the friction force in the median." if gaps else ""
             text = "Causes found: " + ", ".join(f"{c} ({n})" for c, n in causes.most_common(6)) + "." + size
             found.append((text, set(causes) <= {"none"}, "Causes found"))
-        poor = [result.label(q) for q, p in result.populations.items() if not p.believed]
+        ends = [f"{result.label(q)} ({p.open_end})" for q, p in result.populations.items() if p.open_end]
+        if ends:
+            text = f"One end is not set by the loops of most specimens, so no band is given: {', '.join(ends)}."
+            found.append((text, False, ""))
+        poor = [result.label(q) for q, p in result.populations.items() if p.doubt and not p.open_end]
         if poor:
             text = f"A normal population does not fit {', '.join(poor)}, so no band is given: look for lots."
             found.append((text, False, ""))
@@ -89,7 +93,7 @@ class Answer(BatchSection):
             typical = "{} [{}, {}]".format(*in_interval(*p.typical))
             low, high = p.next_specimen
             further = f"{number(low, high - low)} to {number(high, high - low)}"
-            said = (typical, spread, further) if p.believed else ("does not fit", "", "")
+            said = (typical, spread, further) if not p.doubt else (p.doubt, "", "")
             rows.append((self.r.label(name), len(p.names), *said, f"{p.fits():.2g}"))
         return rows
 
@@ -246,7 +250,7 @@ def parameters_figure(result: Batch) -> Figure:
     figure, axes = subplots(len(names), 1, wide, 1.25 * len(names) + 0.8, sharex=True)
     outliers = result.outliers()
     for ax, name in zip(axes[:, 0], names):
-        if name in result.populations and result.populations[name].believed:
+        if name in result.populations and not result.populations[name].doubt:
             ax.axhspan(*result.populations[name].next_specimen, color=MODEL, alpha=0.15, linewidth=0)
         label = name
         for i, x in enumerate(result.finished):

@@ -85,7 +85,7 @@ def _table(ax: Axes, batch: Batch) -> int:
         low, high = p.next_specimen
         typical = "{} [{}, {}]".format(*in_interval(*p.typical))
         further = f"{number(low, high - low)} to {number(high, high - low)}"
-        said = [typical, spread, further] if p.believed else ["does not fit", "", ""]
+        said = [typical, spread, further] if not p.doubt else [p.doubt, "", ""]
         rows.append([known.get(q, batch.label(q)), *said])
     if not rows:
         ax.text(0.0, 1.0, "Fewer than three specimens determine any quantity.", va="top")
