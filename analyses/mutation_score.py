@@ -3,7 +3,7 @@
     python analyses/mutation_score.py models --mutants 30 --seed 1 --out runs/mutants_models.json
 
 A mutant is the package with one operator, comparison, number or condition changed. It runs in a copy of the repository
-against one file of tests after the other, of those that name its file or what that defines: the tests that run its
+against one file of tests after the other, those first that name its file or what that defines: the tests that run its
 line, the quickest first, up to the first that fails or to `--seconds` of tests (the rest might catch more). What takes
 ten times as long as the unchanged code and two minutes more is caught too (an endless loop). Which tests run a line is
 found by one run of the file of tests when it is first asked for, which is kept in `--kept` until the package or that
@@ -217,15 +217,15 @@ def what_runs_what(home: Path, folder: str, file: Path) -> tuple[Lines, dict[str
     return lines, took
 
 
-def naming(path: Path, tests: list[Path]) -> list[Path]:
-    """Files of tests that name a file of the package or what it defines, those first that bear its name and those that
-    name most of it; all of them where none does."""
+def by_names(path: Path, tests: list[Path]) -> list[Path]:
+    """Files of tests, those first that bear the name of a file of the package, then those that name most of what it
+    defines; the others last, which reach it by way of others."""
     body = ast.parse(path.read_text(encoding="utf-8")).body
     names = [x.name for x in body if isinstance(x, (ast.FunctionDef, ast.ClassDef))]
     names += [x.targets[0].id for x in body if isinstance(x, ast.Assign) and isinstance(x.targets[0], ast.Name)]
     words = {f: set(re.findall(r"\w+", f.read_text(encoding="utf-8"))) for f in tests}
     count = {f: len(words[f] & {*names, path.stem}) + 100 * (f.stem == f"test_{path.stem}") for f in tests}
-    return sorted((f for f in tests if count[f]), key=lambda f: -count[f]) or tests
+    return sorted(tests, key=lambda f: -count[f])
 
 
 def cache_without(home: Path, path: Path) -> Path:
@@ -279,7 +279,7 @@ def main() -> None:
         where = path.relative_to(copied)
         text = path.read_text(encoding="utf-8")
         passed, seconds, left = True, 0.0, args.seconds
-        for file in naming(path, every):
+        for file in by_names(path, every):
             ran, took = what_runs_what(home, args.folder, file)
             mine = ran.get(path, {})
             these = set().union(*(mine.get(n, ()) for n in statement_lines(text, mutant.line)))
