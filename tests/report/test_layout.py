@@ -51,7 +51,7 @@ def specimens():
 
 
 @pytest.fixture(scope="module")
-def pages(page, specimens, made_up_campaign, tmp_path_factory, few_walkers):
+def pages(page, specimens, made_up_campaign, tmp_path_factory):
     """A folder with every kind of page."""
     out = tmp_path_factory.mktemp("pages")
     shutil.copy(page / "report.html", out)

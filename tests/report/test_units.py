@@ -24,7 +24,7 @@ from bayes_iwan.report.comparison_page import comparison_report
 from bayes_iwan.report.page import Page, Section, of_folder
 from bayes_iwan.report.style import relabel
 
-pytestmark = pytest.mark.usefixtures("no_figure_files", "few_walkers")
+pytestmark = pytest.mark.usefixtures("no_figure_files")
 
 #: newtons that are no newton metres, and millimetres; names of numbers with these units
 FOREIGN = re.compile(r"(?<![\w·])(?:[km]?N(?!·m|\w)|mm(?!\w))|\w_(?:N|mm)(?:_\w+)?(?![\w.])")
