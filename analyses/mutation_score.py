@@ -2,15 +2,15 @@
 
     python analyses/mutation_score.py models --mutants 30 --seed 1 --out runs/mutants_models.json
 
-A mutant is the package with one operator, comparison, number or condition changed. Each runs in a copy of the
-repository against those tests of its folder that run its line, the quickest first, up to the first that fails or to
-`--seconds` of tests (the rest might catch more). What takes ten times as long as the unchanged code and two minutes
-more is caught too (an endless loop). Which tests run a line is found by one run of each file of tests, which is kept in
-`--kept` until the package or that file changes; tests that do not pass then (time budgets on a busy machine) are left
-out and named. Code that Numba compiles, whose lines nobody counts, and what runs on import are tried against all tests
-of the folder; such code with an empty cache, since Numba does not see changes of functions that another file calls.
-Texts, types, decorators, messages and seeds are not changed. Survivors are printed with their line, so that
-a test can be written for each.
+A mutant is the package with one operator, comparison, number or condition changed. It runs in a copy of the repository
+against one file of tests after the other, those first that name its file or what that defines: the tests that run its
+line, the quickest first, up to the first that fails or to `--seconds` of tests (the rest might catch more). What takes
+ten times as long as the unchanged code and two minutes more is caught too (an endless loop). Which tests run a line is
+found by one run of the file of tests when it is first asked for, which is kept in `--kept` until the package or that
+file changes; tests that do not pass then (time budgets on a busy machine) are left out and named. Code that Numba
+compiles, whose lines nobody counts, and what runs on import are tried against all tests of such a file, with a cache
+less what was compiled from that code. Texts, types, decorators, messages and seeds are not changed. Survivors are
+printed with their line, so that a test can be written for each.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import signal
 import sys
@@ -190,34 +191,59 @@ def digest(files: Iterable[Path]) -> str:
     return hashlib.sha256(b"".join(f.read_bytes() for f in sorted(files))).hexdigest()[:12]
 
 
-def what_runs_what(home: Path, folder: str, tests: list[str]) -> tuple[Lines, dict[str, float]]:
-    """By file and line the tests that run it, "" where it is imported, and the seconds of each test, by its place as
-    pytest names it; for each file of tests from the run that is kept on disk, or a new one."""
+def what_runs_what(home: Path, folder: str, file: Path) -> tuple[Lines, dict[str, float]]:
+    """By file and line the tests of a file that run it, "" where it is imported, and the seconds of each test, by its
+    place as pytest names it; from the run that is kept on disk, or a new one."""
     lines: Lines = {}
     took: dict[str, float] = {}
-    shared = [*(home / "copy/tests").rglob("conftest.py")]
-    for file in sorted(
-        f for t in tests for f in ([home / "copy" / t] if t.endswith(".py") else (home / "copy" / t).glob("test_*.py"))
-    ):
-        kept = home / f"{folder}-{file.stem}-{digest([*shared, file])}"
-        coverage, report = kept.with_suffix(".coverage"), kept.with_suffix(".xml")
-        if not report.exists():
-            os.environ["COVERAGE_FILE"] = str(coverage)
-            which = (f"--cov=bayes_iwan/{folder}", "--cov-context=test", "--cov-report=", f"--junitxml={report}")
-            print(f"{file.name} on the unchanged code", file=sys.stderr)
-            run_tests(home / "copy", home / "numba", [str(file), "--maxfail=1000"], 7200.0, *which)
-        for case in ElementTree.parse(report).iter("testcase"):
-            place = f"{case.attrib['classname'].replace('.', '/')}.py::{case.attrib['name']}"
-            if {"failure", "error", "skipped"} & {x.tag for x in case}:
-                print(f"left out, since it does not pass on the unchanged code: {place}", file=sys.stderr)
-            else:
-                took[place] = float(case.attrib["time"])
-        data = CoverageData(str(coverage))
-        data.read()
-        for f in data.measured_files():
-            for n, contexts in data.contexts_by_lineno(f).items():
-                lines.setdefault(Path(f), {}).setdefault(n, set()).update(c.partition("|")[0] for c in contexts)
+    kept = home / f"{folder}-{file.stem}-{digest([*(home / 'copy/tests').rglob('conftest.py'), file])}"
+    coverage, report = kept.with_suffix(".coverage"), kept.with_suffix(".xml")
+    if not report.exists():
+        os.environ["COVERAGE_FILE"] = str(coverage)
+        which = (f"--cov=bayes_iwan/{folder}", "--cov-context=test", "--cov-report=", f"--junitxml={report}")
+        print(f"{file.name} on the unchanged code", file=sys.stderr)
+        run_tests(home / "copy", home / "numba", [str(file), "--maxfail=1000"], 7200.0, *which)
+    for case in ElementTree.parse(report).iter("testcase"):
+        place = f"{case.attrib['classname'].replace('.', '/')}.py::{case.attrib['name']}"
+        if {"failure", "error", "skipped"} & {x.tag for x in case}:
+            print(f"left out, since it does not pass on the unchanged code: {place}", file=sys.stderr)
+        else:
+            took[place] = float(case.attrib["time"])
+    data = CoverageData(str(coverage))
+    data.read()
+    for f in data.measured_files():
+        for n, contexts in data.contexts_by_lineno(f).items():
+            lines.setdefault(Path(f), {}).setdefault(n, set()).update(c.partition("|")[0] for c in contexts)
     return lines, took
+
+
+def by_names(path: Path, tests: list[Path]) -> list[Path]:
+    """Files of tests, those first that bear the name of a file of the package, then those that name most of what it
+    defines; the others last, which reach it by way of others."""
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    names = [x.name for x in body if isinstance(x, (ast.FunctionDef, ast.ClassDef))]
+    names += [x.targets[0].id for x in body if isinstance(x, ast.Assign) and isinstance(x.targets[0], ast.Name)]
+    words = {f: set(re.findall(r"\w+", f.read_text(encoding="utf-8"))) for f in tests}
+    count = {f: len(words[f] & {*names, path.stem}) + 100 * (f.stem == f"test_{path.stem}") for f in tests}
+    return sorted(tests, key=lambda f: -count[f])
+
+
+def cache_without(home: Path, path: Path) -> Path:
+    """A copy of Numba's cache less what was compiled from a file and from those that import it, by however many
+    others: Numba does not see changes of functions that another file calls."""
+    imports = {f: f.read_text(encoding="utf-8") for f in (home / "copy/bayes_iwan").rglob("*.py")}
+    stale, new = {path}, {path}
+    while new:
+        words = re.compile("|".join(rf"\b{f.parent.name if f.stem == '__init__' else f.stem}\b" for f in new))
+        lines = {f: re.findall(r"^\s*(?:from|import) .*(?:\([^)]*\))?", text, re.M) for f, text in imports.items()}
+        new = {f for f, found in lines.items() if f not in stale and words.search(" ".join(found))}
+        stale |= new
+    cache = home / "numba of a mutant"
+    left = {(f.parent.name, f.stem) for f in stale}
+    shutil.copytree(home / "numba", cache, ignore=lambda folder, files: [
+        x for x in files if (Path(folder).name.rpartition("_")[0], x.partition(".")[0]) in left
+    ])  # fmt: skip
+    return cache
 
 
 def main() -> None:
@@ -227,7 +253,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--tests", nargs="+", help="files or folders of tests in the place of the folder's own")
     parser.add_argument("--files", nargs="+", help="mutate these files of the folder only (parts of their paths)")
-    parser.add_argument("--seconds", type=float, default=120.0, help="of tests that a mutant is tried against")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of tests that a mutant is tried against")
     parser.add_argument("--minutes", type=float, default=60.0, help="start no further mutant after so many")
     parser.add_argument("--kept", type=Path, default=ROOT / "runs/mutants", help="where what the tests run is kept")
     parser.add_argument("--out", type=Path, help="JSON with every mutant and what became of it")
@@ -242,9 +268,8 @@ def main() -> None:
     files = [f for f in files if not args.files or any(part in str(f) for part in args.files)]
     found = [(f, m, k) for f in files for m, k in mutants_of(f)]
     chosen = np.random.default_rng(args.seed).choice(len(found), min(args.mutants, len(found)), replace=False)
-    ran, took = what_runs_what(home, args.folder, args.tests or TESTS[args.folder])
-    if not run_tests(copied, home / "numba", [*took], 600.0, "--collect-only")[0]:
-        sys.exit("pytest does not find the tests by the places that its report gives")
+    every = [home / "copy" / x for x in args.tests or TESTS[args.folder]]
+    every = [f for x in every for f in (sorted(x.glob("test_*.py")) if x.is_dir() else [x])]
     done: list[Mutant] = []
     until = time.monotonic() + 60.0 * args.minutes
     for i in chosen:
@@ -253,22 +278,27 @@ def main() -> None:
         path, mutant, k = found[int(i)]
         where = path.relative_to(copied)
         text = path.read_text(encoding="utf-8")
-        mine = ran.get(path, {})
-        these = set().union(*(mine.get(n, ()) for n in statement_lines(text, mutant.line)))
-        compiled = runs_compiled(text, mutant.line, imported="" in these)
-        near = set().union(*mine.values())  # tests that run other lines of the file come before those of the folder
-        every = took if compiled or "" in these else these & took.keys()
-        some = sorted(every, key=lambda t: (t not in near, took[t]))
-        some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), args.seconds) + 1]
-        passed, seconds = True, 0.0  # where no test runs the line
-        if some:
+        passed, seconds, left = True, 0.0, args.seconds
+        for file in by_names(path, every):
+            ran, took = what_runs_what(home, args.folder, file)
+            mine = ran.get(path, {})
+            these = set().union(*(mine.get(n, ()) for n in statement_lines(text, mutant.line)))
+            compiled = runs_compiled(text, mutant.line, imported="" in these)
+            some = sorted(took if compiled or "" in these else these & took.keys(), key=took.__getitem__)
+            some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), left) + 1]
+            if not some:
+                continue  # no test here runs the line
             unchanged = path.stat()
             path.write_text(_text(text, k), encoding="utf-8")
-            cache = home / ("numba of a mutant" if compiled else "numba")
-            passed, seconds = run_tests(copied, cache, some, 10.0 * sum(took[t] for t in some) + 120.0)
+            cache = cache_without(home, path) if compiled else home / "numba"
+            asked = sum(took[t] for t in some)
+            passed, needed = run_tests(copied, cache, some, 10.0 * asked + 120.0)
             shutil.rmtree(home / "numba of a mutant", ignore_errors=True)
             path.write_text(text, encoding="utf-8")
             os.utime(path, ns=(unchanged.st_atime_ns, unchanged.st_mtime_ns))  # Numba's cache goes by it
+            seconds, left = seconds + needed, left - asked
+            if not passed or left <= 0.0:
+                break
         done.append(
             Mutant(str(where), mutant.line, mutant.before, mutant.after, "lives" if passed else "caught", seconds)
         )

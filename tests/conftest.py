@@ -25,6 +25,12 @@ from bayes_iwan.report import page, rendering
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 
 
+def pytest_collection_modifyitems(items):
+    """Whole commands first, the many quick files of campaign/ and the examples last: with --no-loadscope-reorder the
+    processes that take file by file end together."""
+    items.sort(key=lambda item: item.path, reverse=True)
+
+
 @pytest.fixture(scope="session")
 def measured():
     """Campaigns from public sources by name; what needs one is skipped where it is missing."""

@@ -20,7 +20,7 @@ from bayes_iwan.cli import main
 from bayes_iwan.errors import InputError
 from bayes_iwan.sampling.checkpoint import NAME
 
-ONE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
+ONE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
 
 
 @pytest.fixture(scope="module", autouse=True)

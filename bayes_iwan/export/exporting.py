@@ -77,7 +77,7 @@ def export(
     >>> import tempfile, bayes_iwan as bi
     >>> folder, out = tempfile.mkdtemp(), tempfile.mkdtemp()
     >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
-    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> posterior = bi.identify(folder, quick=True, seed=1, config={"model": {"slip": "gamma1", "embedded": False}})
     >>> sorted(path.name for path in posterior.export("json", out, draws=5).iterdir())
     ['isolator.json', 'model_card.json', 'model_card.txt']
     """

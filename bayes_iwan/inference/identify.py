@@ -110,7 +110,7 @@ def identify_loops(
     >>> import tempfile, bayes_iwan as bi
     >>> folder = tempfile.mkdtemp()
     >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
-    >>> simple = {"model": {"slip": "gamma1", "normal_force": "constant"}}
+    >>> simple = {"model": {"slip": "gamma1", "normal_force": "constant", "embedded": False}}
     >>> posterior = bi.identify_loops(bi.check(folder).loops, config=simple, seed=1, quick=True, progress=False)
     >>> len(posterior.problem.loops)
     2
@@ -193,7 +193,7 @@ def identify_problem(
     >>> import tempfile, bayes_iwan as bi
     >>> folder = tempfile.mkdtemp()
     >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
-    >>> problem = bi.make_problem(bi.check(folder).loops, {"model": {"slip": "gamma1", "normal_force": "constant"}})
+    >>> problem = bi.make_problem(bi.check(folder).loops, {"model": {"slip": "gamma1", "embedded": False}})
     >>> posterior = bi.identify_problem(problem, 1, progress=False, quick=True)
     >>> posterior.ndim == problem.ndim, bool(posterior.residual_size().share < 0.1)
     (True, True)

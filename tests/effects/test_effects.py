@@ -110,6 +110,28 @@ def test_every_effect_says_what_it_is(kind, kit):
     assert set(effect.look_alikes) <= known - {effect.name}
 
 
+@pytest.mark.parametrize(
+    "kind",
+    [e for e in catalogue.BUILT_IN if e.name not in ("force_clipping", "force_drift", "mains_interference")],
+    ids=lambda k: k.__name__,
+)
+def test_a_first_guess_moves_the_force_by_some_per_cent_of_the_slip_force(kind, kit):
+    """Forces and stiffnesses ten times as large: ten times the force is moved. Those left out act on records."""
+    moved, forces = [], ("force_N", "slip_N", "soft_N_mm", "stiff_N_mm")
+    for factor in (1.0, 10.0):
+        scales = replace(kit.scales, **{n: factor * getattr(kit.scales, n) for n in forces})
+        effect, model = kind(scales, ("a.csv", "b.csv")), Model(kit.reference)
+        values = {
+            n: v * (factor if n.endswith(("_N", "_N_mm")) else 1.0) for n, v in kit.parameter_values(model).items()
+        }
+        with_it = values | with_strength(effect, effect.first_guess())
+        at = motion(cycle=100.0)
+        difference = recorded_force(model, (effect,), with_it, at) - recorded_force(model, (), values, at)
+        moved.append(np.sqrt(np.mean(difference**2)) / scales.slip_N)
+    assert 0.02 < moved[0] < 0.2
+    assert moved[1] == pytest.approx(moved[0], rel=1e-6)
+
+
 @pytest.mark.parametrize("kind", ALSO_SHAPES, ids=lambda k: k.__name__)
 @pytest.mark.parametrize("strength", [0.0, 1e-13])
 def test_neutral_value_gives_the_base_model(kind, strength, kit):

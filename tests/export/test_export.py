@@ -24,7 +24,7 @@ from bayes_iwan.models import Simulator
 
 @pytest.fixture(scope="module")
 def posterior(made_up_campaign):
-    config = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
+    config = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
     return bi.identify(made_up_campaign, quick=True, seed=1, progress=False, config=config)
 
 

@@ -16,7 +16,7 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.models.motion import motion_of
 
-SETTINGS = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
+SETTINGS = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
 
 
 @pytest.fixture(scope="module")

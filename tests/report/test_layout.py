@@ -1,10 +1,6 @@
 """Every kind of page at four widths and in print: nothing is cut, nothing sticks out, no heading without its text."""
 
-import os
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +16,6 @@ from bayes_iwan.report.page import Page, of_folder
 
 from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, torn
 
-GUIDE = Path(__file__).parents[2] / "analyses" / "guide"
 needs_browser = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
 SHORT = {
     "search": {"members": 40, "evaluations": 400, "starts": 2, "second_search": False},
@@ -77,20 +72,6 @@ def test_nothing_is_cut_at_any_width_nor_in_print(pages, tmp_path, name):
     assert torn(html, print_pdf(html, tmp_path / "page.pdf")) == []
     assert html.stat().st_size < 3_000_000
     assert str(pages.parent) not in html.read_text(encoding="utf-8"), "a local path reached the page"
-
-
-@needs_browser
-@pytest.mark.skipif(not GUIDE.is_dir(), reason="the guide is not part of this installation")
-def test_no_page_of_the_guide_is_cut_or_torn_in_print(tmp_path):
-    environment = {**os.environ, "PYTHONPATH": str(GUIDE.parents[1])}
-    words = [sys.executable, GUIDE / "build.py", "--out", tmp_path / "site"]
-    subprocess.run(words, check=True, capture_output=True, env=environment)
-    pages = [p for p in sorted((tmp_path / "site").glob("*.html")) if p.stem not in ("404", "search")]
-    assert len(pages) > 10
-    assert {p.name: cut_elements(p, tmp_path) for p in pages} == {
-        p.name: {str(width): [] for width in WIDTHS} for p in pages
-    }
-    assert {p.name: torn(p, print_pdf(p, tmp_path / f"{p.stem}.pdf")) for p in pages} == {p.name: [] for p in pages}
 
 
 @needs_browser

@@ -63,7 +63,7 @@ class Posterior:
     >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
     >>> folder = tempfile.mkdtemp()
     >>> bi.simulate_campaign(plan, seed=1).write(folder)
-    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> posterior = bi.identify(folder, quick=True, seed=1, config={"model": {"slip": "gamma1", "embedded": False}})
     >>> spring = next(row for row in posterior.summary() if row.name == "kp_N_mm")
     >>> spring.unit, bool(spring.q05 < spring.q50 < spring.q95)
     ('N/mm', True)

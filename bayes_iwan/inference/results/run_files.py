@@ -130,7 +130,7 @@ def load(
     >>> from bayes_iwan.inference.results.run_files import write
     >>> folder, out = tempfile.mkdtemp(), tempfile.mkdtemp()
     >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
-    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> posterior = bi.identify(folder, quick=True, seed=1, config={"model": {"slip": "gamma1", "embedded": False}})
     >>> write(posterior, Path(out))  # as bi.identify(folder, out) and the command line do, page and tables aside
     >>> again = bi.load(out)
     >>> again.names == posterior.names, bool((again.z == posterior.z).all())

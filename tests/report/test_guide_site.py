@@ -1,0 +1,102 @@
+"""The guide's site: it is built, its links lead somewhere, and a browser shows it whole at every width and in print."""
+
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from bayes_iwan.report.browser import print_pdf
+
+from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, torn
+
+GUIDE = Path(__file__).parents[2] / "analyses" / "guide"
+if not GUIDE.is_dir():
+    pytest.skip("the guide is not part of this installation", allow_module_level=True)
+needs_browser = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    pytest.importorskip("mkdocs")
+    out = tmp_path_factory.mktemp("guide") / "site"
+    command = [sys.executable, "-W", "error::UserWarning", str(GUIDE / "build.py"), "--out", str(out)]
+    environment = {**os.environ, "PYTHONPATH": str(GUIDE.parents[1]), "MPLBACKEND": "Agg"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return out
+
+
+class Links(HTMLParser):
+    """Addresses and names of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.used: set[str] = set()
+        self.names: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.names |= {x for x in (given.get("id"), given.get("name")) if x}
+        if tag in ("a", "link"):
+            self.used.add(given.get("href") or "")
+        elif tag in ("img", "script"):
+            self.used.add(given.get("src") or "")
+
+
+def test_links_lead_somewhere_and_nothing_is_loaded_from_outside(site):
+    pages = {p: Links(p.read_text(encoding="utf-8")) for p in site.glob("*.html")}
+    assert len(pages) >= len([*GUIDE.glob("*.md")])
+    for page, links in pages.items():
+        if page.name == "404.html":
+            continue  # made for a server's root
+        for link in links.used:
+            path, _, name = link.partition("#")
+            if not link or re.match(r"[a-z]+:", path):
+                continue
+            target = page if not path else (page.parent / path)
+            assert target.exists(), f"{page.name}: {link}"
+            if name and target in pages:
+                assert name in pages[target].names, f"{page.name}: {link}"
+    outside = re.compile(r"<(?:script|img|link)[^>]+(?:src|href)=\"https?:")
+    assert not [p.name for p in site.rglob("*.html") if outside.search(p.read_text(encoding="utf-8"))]
+
+
+def test_formulae_are_mathml(site):
+    text = (site / "how_it_decides.html").read_text(encoding="utf-8")
+    assert text.count("<math") > 20 and "$" not in re.sub(r"<script.*?</script>", "", text, flags=re.S)
+
+
+def opened(address: str, folder: Path) -> tuple[str, str]:
+    """The page as Chromium shows it, and what it says."""
+    options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
+    options += [f"--user-data-dir={folder}", "--enable-logging=stderr", "--virtual-time-budget=10000", "--dump-dom"]
+    done = subprocess.run([str(BROWSER), *options, address], capture_output=True, text=True, timeout=180, check=False)
+    return done.stdout, "\n".join(line for line in done.stderr.splitlines() if "CONSOLE" in line)
+
+
+@needs_browser
+def test_site_opens_in_a_browser_and_finds_words(site, tmp_path):
+    shown, said = opened((site / "index.html").as_uri(), tmp_path)
+    assert "First identification" in shown and said == ""
+    shown, said = opened((site / "search.html").as_uri() + "?q=compliance", tmp_path)
+    assert said == "" and re.search(r"[1-9]\d* places? for “compliance”", shown), shown[-2000:]
+    assert 'href="./glossary.html' in shown
+    shown, said = opened((site / "search.html").as_uri() + "?q=identify", tmp_path)
+    assert 'href="./api/bayes_iwan.html#identify"' in shown
+    shown, said = opened((site / "api" / "bayes_iwan.html").as_uri(), tmp_path)
+    assert 'id="identify"' in shown and said == ""
+
+
+@needs_browser
+def test_no_page_is_cut_or_torn_in_print(site, tmp_path):
+    pages = [p for p in sorted(site.glob("*.html")) if p.stem not in ("404", "search")]
+    assert len(pages) > 10
+    assert {p.name: cut_elements(p, tmp_path) for p in pages} == {
+        p.name: {str(width): [] for width in WIDTHS} for p in pages
+    }
+    assert {p.name: torn(p, print_pdf(p, tmp_path / f"{p.stem}.pdf")) for p in pages} == {p.name: [] for p in pages}
