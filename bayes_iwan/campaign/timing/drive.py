@@ -104,7 +104,8 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
         enough = len(apart) > (len(groups) - bool(pauses) if kind == "levels" else 1) and sum(
             b - a for a, b in apart
         ) >= SHORT[1] * len(halves)
-        if enough and _kind(sizes, apart) == "levels":
+        within = [(max(a - 1, 0), min(b - 1, len(halves) - 2)) for a, b in apart]  # the record's ends may cut a swing
+        if enough and _kind(sizes[1:-1], within) == "levels":
             starts, size, y, groups, kind, ends = marks, np.exp(halves[:, 0]), halves, apart, "levels", 1
     if not kind:
         return None
