@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +12,8 @@ import numba
 import numpy as np
 import pytest
 from markupsafe import Markup
+from numba.core.registry import CPUDispatcher as Dispatcher
+from numba.core.types import Array, unliteral
 from scipy import special
 
 from bayes_iwan.campaign import Campaign, Record, average, read_campaign, write_campaign
@@ -29,6 +32,21 @@ def pytest_collection_modifyitems(items):
     """Whole commands first, the many quick files of campaign/ and the examples last: with --no-loadscope-reorder the
     processes that take file by file end together."""
     items.sort(key=lambda item: item.path, reverse=True)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_signature():
+    """A cached kernel is called with arrays of one layout only. Processes that compile two at a time may write both
+    under one name in numba's cache, and the next one then reads a transposed array without a word."""
+    yield
+    modules = [m for name, m in sys.modules.items() if name.startswith("bayes_iwan.") and m is not None]
+    kernels = {k for m in modules for k in vars(m).values() if isinstance(k, Dispatcher)}
+
+    def layout(given):  # whether an array may be written to changes no code
+        return str(given.copy(readonly=False) if isinstance(given, Array) else unliteral(given))
+
+    called = {k.py_func.__qualname__: {tuple(map(layout, s)) for s in k.signatures} for k in kernels}
+    assert not (several := {name: s for name, s in called.items() if len(s) > 1}), several
 
 
 @pytest.fixture(scope="session")

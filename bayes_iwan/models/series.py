@@ -116,8 +116,9 @@ def _deviating_tables(
 
 @_jit
 def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Array, order: int) -> None:
-    """Tables of π_1 times the density into first (draws, cells, 4), of π_2 and on into the first `order` of out (draws,
-    terms, cells, 4), by Simpson's rule; then so much of the first is taken off each of out that the mean stays.
+    """Tables of π_1 times the density into first (draws, cells, 4), of π_2 and on into out (draws, 1 + terms, cells, 4)
+    from its second table on, by Simpson's rule; then so much of the first is taken off each but out's first that the
+    mean stays.
 
     ∫ π_k over (p, 1) is (P_{k−1}(x) − P_{k+1}(x)) / (2 √(2k + 1)), x = 2p − 1, by Legendre's recurrence.
     """
@@ -139,7 +140,7 @@ def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Ar
                 following = one * x[i] * own[i] - two * former[i]
                 beyond[i] = scale * (former[i] - following)
                 former[i], own[i] = own[i], following
-            into, limited = first[d] if k == 1 else out[d, k - 2], 0.0
+            into, limited = first[d] if k == 1 else out[d, k - 1], 0.0
             for j in range(cells):
                 h = width[j] * top[d]
                 start, middle, end = beyond[2 * j], beyond[2 * j + 1], beyond[2 * j + 2]
@@ -149,7 +150,7 @@ def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Ar
                 into[j, 3] = h * (start + end) - 2.0 * rise
                 limited += rise
         sum_of_first = first[d, cells - 1].sum()
-        for k in range(out.shape[1]):
+        for k in range(1, out.shape[1]):
             share = out[d, k, cells - 1].sum() / sum_of_first
             for j in range(cells):
                 for i in range(4):
@@ -188,26 +189,20 @@ def linear_deviations(tables: Array, top: Array, order: int, octaves: int = 0) -
     these, (draws, 1 + order + octaves, cells, 4), with the same top. The table plus Σ c_k of the others is that of the
     deviating density.
     """
-    draws, *cells = tables.shape
-    out, first = np.empty((draws, 1 + order + octaves, *cells)), np.empty_like(tables)
-    out[:, 0] = larger = tables
-    for k in range(1 + order, out.shape[1]):
-        larger = _twice_as_large(larger)
-        out[:, k] = larger - tables
-    _basis_tables(tables, top, cell_width(tables.shape[1]), first, out[:, 1:], order)
-    return out
-
-
-def _twice_as_large(tables: Array) -> Array:
-    """Tables (draws, cells, 4) of slip forces twice as large, with the same top: the integral of their survival is
-    2 L(φ/2), so each octave of the table is twice the one below it; below the lowest node nearly all elements hold."""
-    octave = tables.shape[1] // OCTAVES
-    width = cell_width(tables.shape[1])[:octave]
-    out = np.zeros_like(tables)
-    out[:, octave:] = 2.0 * tables[:, :-octave]
-    held = tables[:, :1, 0] * 2.0**OCTAVES
-    out[:, :octave, 0] = held * (2.0**-OCTAVES + np.cumsum(width) - width)
-    out[:, :octave, 1] = held * width
+    draws, cells, _ = tables.shape
+    out, first, width = np.empty((draws, 1 + order + octaves, cells, 4)), np.empty_like(tables), cell_width(cells)
+    out[:, 0] = tables
+    # of slip forces s times as large the integral of the survival is s L(φ/s), so an octave of their table is twice the
+    # one below it; below the lowest node nearly all elements hold
+    start = 2.0**-OCTAVES + np.cumsum(width) - width
+    held = tables[:, :1, :1] * 2.0**OCTAVES * np.stack([start, width, 0.0 * width, 0.0 * width], axis=1)
+    for k in range(octaves):
+        below = (k + 1) * cells // OCTAVES
+        larger = out[:, 1 + order + k]
+        larger[:, :below] = held[:, :below] - tables[:, :below]
+        np.multiply(tables[:, :-below], 2.0 ** (k + 1), out=larger[:, below:])
+        larger[:, below:] -= tables[:, below:]
+    _basis_tables(tables, top, width, first, out, order)
     return out
 
 

@@ -41,8 +41,8 @@ class Saturating:
     names = ("k1_N_mm", "stiffness_ratio")
 
     def k(self, parameter_values: ParameterValues, alpha: Array) -> Array:
-        out = np.empty_like(alpha)
-        ratio = parameter_values["stiffness_ratio"]
+        alpha = np.ascontiguousarray(alpha)
+        out, ratio = np.empty_like(alpha), parameter_values["stiffness_ratio"]
         pointwise.saturating(alpha, parameter_values["k1_N_mm"] / -np.expm1(-ratio), ratio, out)
         return out
 

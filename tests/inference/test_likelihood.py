@@ -177,7 +177,7 @@ def test_replicates_follow_the_likelihood(problem, known, kind):
     r = p.likelihood.replicate(force, n, np.random.default_rng(3)) - force
     got = -p.likelihood.log_likelihood(r, n)
     if isinstance(p.likelihood, Correlated):
-        variance = p.likelihood._whitened(r[:1], {k: v[:1] for k, v in n.items()})[1][:, 0]
+        variance = p.likelihood._variance({k: v[:1] for k, v in n.items()})[:, 0]
         degrees = np.where(np.arange(51) == 0, 1.0, 2.0)[:, None]
         log_noise = p.likelihood.rotation[3]
         entropy = np.sum(0.5 * degrees * (np.log(2 * np.pi * variance) + 1.0 + 2.0 * log_noise))

@@ -161,7 +161,7 @@ class Discrepancy:
         ln ∫ Π p(residual | λ) p(λ), (sizes,), without the constants of 2π."""
         table = self._table(sizes)
         cost = np.zeros_like(table.cost)
-        _by_order(residual**2, table.precision, self.which, cost)
+        _by_order(np.ascontiguousarray(residual**2), table.precision, self.which, cost)
         by_order = table.cost - 0.5 * cost
         whole = np.logaddexp.reduce(by_order, axis=2)
         mean = np.exp(by_order - whole[:, :, None]) @ LN_SPECTRUM

@@ -191,20 +191,19 @@ class Correlated:
     def _spectrum(self, parameter_values: ParameterValues) -> Array:
         return self.spectrum.variance(parameter_values, self.used)
 
-    def _whitened(self, residual_N: Array, parameter_values: ParameterValues) -> tuple[Array, Array]:
-        """Rotated residuals (2, H, draws, tests), real and imaginary, and their variances (H, draws, tests)."""
-        turn, values, _, _ = self.rotation
+    def _rotated(self, residual_N: Array) -> Array:
+        """Residuals (2, H, draws, tests), real and imaginary, in coordinates that are independent."""
         parts = self._parts(residual_N).reshape(len(self.loops), len(residual_N), 2, self.used)
-        rotated = parts.transpose(2, 3, 1, 0) @ turn.transpose(0, 2, 1)
-        variance = (
-            parameter_values["noise_scale"][:, None] ** 2
-            + self._spectrum(parameter_values).T[:, :, None] * values[:, None, :]
-        )
-        return rotated, variance
+        return parts.transpose(2, 3, 1, 0) @ self.rotation[0].transpose(0, 2, 1)
+
+    def _variance(self, parameter_values: ParameterValues) -> Array:
+        """(H, draws, tests) of the rotated residuals."""
+        noise, spectrum = parameter_values["noise_scale"][:, None] ** 2, self._spectrum(parameter_values)
+        return noise + spectrum.T[:, :, None] * self.rotation[1][:, None, :]
 
     def _log_p(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         """ln p by harmonic, (H, draws, tests)."""
-        rotated, variance = self._whitened(residual_N, parameter_values)
+        rotated, variance = self._rotated(residual_N), self._variance(parameter_values)
         _, _, there, log_noise = self.rotation
         degrees = np.full((len(there), 1, 1), 2.0)
         degrees[0] = 1.0  # the mean has no imaginary part
@@ -236,9 +235,13 @@ class Correlated:
         return self._log_p(residual_N, parameter_values).transpose(1, 0, 2)[:, there]
 
     def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
-        rotated, variance = self._whitened(residual_N, parameter_values)
-        rotated /= np.sqrt(variance)
-        return rotated.transpose(2, 0, 1, 3).reshape(len(residual_N), 2 * self.used * len(self.loops))
+        draws, *columns, tests, samples = residual_N.shape
+        each = math.prod(columns)
+        rotated = self._rotated(residual_N.reshape(draws * each, tests, samples))
+        rotated = rotated.reshape(2, self.used, draws, each, tests).transpose(2, 3, 0, 1, 4)
+        per_sd = 1.0 / np.sqrt(self._variance(parameter_values)).transpose(1, 0, 2)[:, None, None]
+        rows = np.multiply(rotated, per_sd, order="C")
+        return rows.reshape(len(rows), *columns, 2 * self.used * tests)
 
     def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
         unit = rng.standard_normal((2, len(force_N), len(self.loops), self.used))

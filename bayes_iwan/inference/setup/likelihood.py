@@ -45,7 +45,8 @@ class Likelihood(Protocol):
         """The same by independent data, (draws, points), summing to :meth:`log_likelihood`."""
 
     def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
-        """Whitened residuals, (draws, m), for least squares; their squares sum to −2 ln p but for a constant."""
+        """Whitened residuals, (draws, m), for least squares; their squares sum to −2 ln p but for a constant. Of several
+        residuals a draw, (draws, columns, tests, samples), those of each: (draws, columns, m)."""
 
     def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
         """Predicted loops (draws, tests, samples) with noise drawn from this model added, where there are data."""
@@ -130,7 +131,8 @@ class Independent:
 
     def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         w = np.sqrt(self._count * self.weights)
-        return (w * residual_N / parameter_values["noise_N"][:, None, None]).reshape(len(residual_N), w.size)
+        noise_N = parameter_values["noise_N"].reshape(-1, *[1] * (residual_N.ndim - 1))
+        return (w * residual_N / noise_N).reshape(-1, *residual_N.shape[1:-2], w.size)
 
     def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
         scale = parameter_values["noise_N"][:, None, None]

@@ -112,13 +112,10 @@ class Marginal:
             each = p.residual_and_slopes(values)
             level = p.prior.log_density(z) + p.likelihood.log_likelihood(each[:, 0], values)
             chosen = [0, *(1 + SLIP_NAMES.index(n) for n in names if n in SLIP_NAMES)]
-            every = [each if len(chosen) == each.shape[1] else each[:, chosen]]
-            more = {_SPRING: p.motion.displacement_mm, FORCE_ZERO: np.ones(each.shape[2:])}
-            every += [np.broadcast_to(more[n], (len(z), 1, *each.shape[2:])) for n in names if n in more]
-            each = np.concatenate(every, axis=1)
-            repeated = {q.name: np.repeat(values[q.name], count + 1) for q in p.likelihood.parameters}
-            rows = p.likelihood.rows(each.reshape(-1, *each.shape[2:]), repeated)
-        rows = rows.reshape(len(z), count + 1, -1)
+            every = [p.likelihood.rows(each if len(chosen) == each.shape[1] else each[:, chosen], values)]
+            alike = {_SPRING: p.motion.displacement_mm[:1], FORCE_ZERO: np.ones((1, *each.shape[2:]))}  # for all draws
+            every += [p.likelihood.rows(alike[n][:, None], values) for n in names if n in alike]
+            rows = np.concatenate(every, axis=1)
         sound = np.isfinite(level) & np.isfinite(rows).all(axis=(1, 2))
         rows[~sound] = 0.0
         h = rows[:, 1:] * self._scale[:, None]
