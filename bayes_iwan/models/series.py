@@ -99,8 +99,9 @@ def _deviating_tables(
             above[j] = cubic[i, 0] + w * (cubic[i, 1] + w * (cubic[i, 2] + w * cubic[i, 3]))
         # below the table's lowest node nearly all elements hold, whatever the deviation
         held = tables[d, 0, 1] / (width[0] * top[d])
-        at = min(max((1.0 - held) * parts, 0.0), most)
-        i, w = int(at), at - math.floor(at)
+        at = (1.0 - held) * parts
+        at = min(at, most) if at > 0.0 else 0.0  # 0 where it is NaN
+        i, w = int(at), at - math.floor(at) + 0.0 * held
         start = cubic[i, 0] + w * (cubic[i, 1] + w * (cubic[i, 2] + w * cubic[i, 3]))
         limited = tables[d, 0, 0] * (1.0 + start) / (1.0 + held)
         for j in range(cells):

@@ -117,18 +117,6 @@ def test_scores_count_by_a_power_and_effects_of_one_set_are_all_in_it():
     assert any_of(sets, {"moving_mass", "free_play"}) == SUREST and any_of(sets, {"end_stop"}) == 0.0
 
 
-def test_scores_count_only_as_far_as_the_best_set_explains_the_gap(kit):
-    one, none = frozenset({"moving_mass"}), frozenset()
-    half = set_probabilities({one: 30.0, none: 0.0}, TESTS, 0.5)
-    assert np.log(half[one] / half[none]) == pytest.approx(0.5 * 30.0 * COARSENED / (COARSENED + TESTS))
-    found = kit.diagnosed("viscous_damping").found
-    left_N, before_N = (found.models.sizes[k].all.rms_N for k in (frozenset(found.search.chosen), none))
-    scores, tests = found.search.scores, found.search.data.tests
-    assert found.sets == set_probabilities(scores, tests, 1.0 - left_N / before_N) != set_probabilities(scores, tests)
-    sound = kit.diagnosed(None).found
-    assert not sound.search.chosen and sound.sets == set_probabilities(sound.search.scores, sound.search.data.tests)
-
-
 def test_a_clear_effect_is_named_and_no_evidence_names_nothing():
     assert named_by([PLACE], {frozenset({"moving_mass"}): 0.9, frozenset(): 0.1}) == ("moving_mass",)
     assert named_by([PLACE], {frozenset({"moving_mass"}): 0.4, frozenset(): 0.6}) == ()

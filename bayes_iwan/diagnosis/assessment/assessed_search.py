@@ -89,8 +89,5 @@ def weighed(search: Search, seed: int) -> Weighed:
 
 def assessed(search: Search, models: Models, held_out: tuple[HeldOut, ...]) -> Weighed:
     """The same from fits that are there."""
-    whole = Names(search.chosen)
-    left_N, before_N = (models.sizes[k].all.rms_N for k in (whole, Names()))
-    explained = 1.0 - min(left_N / before_N, 1.0) if whole else 1.0
-    figures = figures_of(search, models.sizes, models.nearest[whole], held_out)
-    return Weighed(search, figures, models, held_out, set_probabilities(search.scores, search.data.tests, explained))
+    figures = figures_of(search, models.sizes, models.nearest[frozenset(search.chosen)], held_out)
+    return Weighed(search, figures, models, held_out, set_probabilities(search.scores, search.data.tests))

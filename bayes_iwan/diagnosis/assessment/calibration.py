@@ -1,9 +1,8 @@
 """From scores of sets, and from what is left unexplained, to probabilities.
 
-A set's score counts by the power e α/(α + n), n tests and α = COARSENED: no law is nature's, and what it misses it
-misses in every test, so evidence says less than its nats (a coarsened posterior; Miller & Dunson, J. Am. Stat. Assoc.
-114 (2019) 1113). How far off the laws are is seen in what the best set leaves: e is the share of the gap that it
-explains. The constants of the unexplained part are fitted by `analyses/calibrate_diagnosis.py`.
+A set's score counts by the power α/(α + n), n tests and α = COARSENED: no law is nature's, and what it misses it misses
+in every test, so evidence says less than its nats (a coarsened posterior; Miller & Dunson, J. Am. Stat. Assoc. 114
+(2019) 1113). The constants of the unexplained part are fitted by `analyses/calibrate_diagnosis.py`.
 """
 
 import json
@@ -48,10 +47,9 @@ class Calibration:
         write_whole(path, json.dumps(asdict(self), indent=1) + "\n")
 
 
-def set_probabilities(scores: Mapping[Names, float], tests: int, explained: float = 1.0) -> dict[Names, float]:
-    """Probability of every fitted set, from its score in nats, the number of fitted tests and the share of the gap that
-    the best set explains."""
-    weight = explained * COARSENED / (COARSENED + tests) * np.array(list(scores.values()))
+def set_probabilities(scores: Mapping[Names, float], tests: int) -> dict[Names, float]:
+    """Probability of every fitted set, from its score in nats and the number of fitted tests."""
+    weight = COARSENED / (COARSENED + tests) * np.array(list(scores.values()))
     return dict(zip(scores, np.exp(weight - np.logaddexp.reduce(weight)).tolist()))
 
 

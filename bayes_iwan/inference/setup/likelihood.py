@@ -45,8 +45,8 @@ class Likelihood(Protocol):
         """The same by independent data, (draws, points), summing to :meth:`log_likelihood`."""
 
     def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
-        """Whitened residuals, (draws, m), for least squares; their squares sum to −2 ln p but for a constant. Of several
-        residuals a draw, (draws, columns, tests, samples), those of each: (draws, columns, m)."""
+        """Whitened residuals, (draws, m), for least squares; their squares sum to −2 ln p but for a constant. Of
+        several residuals a draw, (draws, columns, tests, samples), those of each: (draws, columns, m)."""
 
     def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
         """Predicted loops (draws, tests, samples) with noise drawn from this model added, where there are data."""

@@ -24,9 +24,6 @@ from bayes_iwan.models import Model, ModelError, Motion, Scales, Simulator
 from bayes_iwan.models.motion import motion_of
 from bayes_iwan.models.simulator import FORCE_ZERO, OUTER, force_zero, inner_effects, offered, recorded_force
 
-#: samples of a loop that a proposal needs; with 64 it is as good as with 128
-COARSE_SAMPLES = 64
-
 
 @dataclass(frozen=True)
 class Problem:
@@ -166,14 +163,6 @@ class Problem:
         parameter_values = self.parameter_values(z)
         whitened = self.likelihood.rows(self.measured_N - self.force(parameter_values), parameter_values)
         return np.concatenate([whitened, np.atleast_2d(z)], axis=1)
-
-    def coarser(self) -> Problem:
-        """The same problem on every other sample of its loops, itself where they have fewer than 128."""
-        if self.motion.samples < 2 * COARSE_SAMPLES:
-            return self
-        along = ("phase", "displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_N", "force_scatter_N")
-        loops = tuple(replace(x, **{name: getattr(x, name)[::2] for name in along}) for x in self.loops)
-        return replace(self, loops=loops, likelihood=self.likelihood.of_loops(loops))
 
     def goal(self, z: Array) -> Array:
         """The paper's objective, Eq. (8), (draws,); +∞ where the prediction is not finite."""
