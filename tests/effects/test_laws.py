@@ -489,6 +489,20 @@ def test_slip_forces_that_lean_with_the_speed_leave_the_stiffness(kit):
 # ---- in series
 
 
+def test_a_moved_specimen_has_the_speeds_of_its_own_displacement():
+    """Central differences of what moves it: x = 0.2·cos 2ωt beside the recorded sine, to the square of a step."""
+    at = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=512)
+    phase, step = 4.0 * np.pi * np.arange(512) / 512, 4.0 * np.pi / 512
+    moved = moved_by(at, at.displacement_mm + 0.2 * np.cos(phase))
+    size = 0.2e-3 * 2.0 * OMEGA  # m/s
+    velocity, acceleration = at.velocity_m_s - size * np.sin(phase), -size * 2.0 * OMEGA * np.cos(phase)
+    np.testing.assert_allclose(moved.velocity_m_s, velocity, atol=size * step**2)
+    np.testing.assert_allclose(
+        moved.acceleration_m_s2, at.acceleration_m_s2 + acceleration, atol=size * 2.0 * OMEGA * step**2
+    )
+    np.testing.assert_array_equal(moved_by(at, at.displacement_mm).velocity_m_s, at.velocity_m_s)
+
+
 def test_soft_first_part_of_a_compliance_by_root_finding(kit):
     model, parameter_values = kit.elastic(kit.reference)  # 10 N/mm
     effect, at = made(kit, "RigCompliance"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)

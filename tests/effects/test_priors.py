@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -51,30 +50,28 @@ def row(p, effect) -> dict:
     return {"values": values, "ends": [float(p.lower), float(p.upper)], "scanned": p.name in effect.scanned}
 
 
-@cache
-def table() -> dict:
-    out = {}
-    for effect in effects(SCALES):
-        facts = {
-            "signed": effect.signed, "order": effect.order, "sudden": effect.sudden, "flexible": effect.flexible,
-            "evolving": effect.evolving, "stages": sorted(effect.stages), "law_error": effect.law_error,
-        }  # fmt: skip
-        out[type(effect).__name__] = facts | {p.name: row(p, effect) for p in effect.parameters}
-    return out
+def facts(effect) -> dict:
+    """Its kind, and the row of each of its parameters."""
+    kind = {
+        "signed": effect.signed, "order": effect.order, "sudden": effect.sudden, "flexible": effect.flexible,
+        "evolving": effect.evolving, "stages": sorted(effect.stages), "law_error": effect.law_error,
+    }  # fmt: skip
+    return kind | {p.name: row(p, effect) for p in effect.parameters}
 
 
-@pytest.mark.parametrize("name", sorted({kind.__name__ for kind in KINDS}))
-def test_priors_are_those_that_were_measured(name):
-    kept, now = json.loads(TABLE.read_text(encoding="utf-8")), table()
-    assert name in kept, "a new effect: write the table anew"
-    assert sorted(kept[name]) == sorted(now[name])
-    for key, value in kept[name].items():
+@pytest.mark.parametrize("kind", KINDS, ids=lambda k: k.__name__)
+def test_priors_are_those_that_were_measured(kind):
+    kept, now = json.loads(TABLE.read_text(encoding="utf-8")), facts(kind(SCALES, ("a.csv", "b.csv")))
+    assert kind.__name__ in kept, "a new effect: write the table anew"
+    kept = kept[kind.__name__]
+    assert sorted(kept) == sorted(now)
+    for key, value in kept.items():
         if isinstance(value, dict):
-            assert now[name][key]["values"] == pytest.approx(value["values"], rel=1e-9), key
-            assert now[name][key]["ends"] == pytest.approx(value["ends"], rel=1e-9), key
-            assert now[name][key]["scanned"] == value["scanned"], key
+            assert now[key]["values"] == pytest.approx(value["values"], rel=1e-9), key
+            assert now[key]["ends"] == pytest.approx(value["ends"], rel=1e-9), key
+            assert now[key]["scanned"] == value["scanned"], key
         else:
-            assert now[name][key] == value, key
+            assert now[key] == value, key
 
 
 @pytest.mark.parametrize("force, length, time", [(3.0, 1.0, 1.0), (1.0, 5.0, 1.0), (1.0, 1.0, 7.0), (2.0, 0.3, 11.0)])
@@ -111,4 +108,5 @@ ABSOLUTE = {"force_drift.rate_N_s"}  # a first guess per second, brought to the 
 
 
 if __name__ == "__main__":
-    TABLE.write_text(json.dumps(table(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    table = {type(effect).__name__: facts(effect) for effect in effects(SCALES)}
+    TABLE.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

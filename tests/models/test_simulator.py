@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -29,7 +28,6 @@ def test_the_straight_part_is_numpys_fit_of_a_line_whatever_the_mean():
         np.testing.assert_allclose(found[d, j], np.polyval(np.polyfit(u[j], force[d, j], 1), u[j]), rtol=1e-9)
 
 
-@cache
 def table() -> dict[str, dict[str, list[float]]]:
     """By simulator and part of the likelihood: each prior's value one sd below, at and above its median, and ends."""
     reference = Reference(SCALES.length_mm, SCALES.speed_m_s)
