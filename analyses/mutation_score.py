@@ -276,8 +276,8 @@ def main() -> None:
         text = path.read_text(encoding="utf-8")
         these = set().union(*(ran.get(path, {}).get(n, ()) for n in statement_lines(text, mutant.line)))
         compiled = runs_compiled(text, mutant.line, imported="" in these)
-        some = took.keys() if compiled or "" in these else these & took.keys()
-        some = sorted(some, key=lambda t: (f"/test_{path.stem}.py::" not in t, took[t]))
+        run = set(took) if compiled or "" in these else these & took.keys()
+        some = sorted(run, key=lambda t: (f"/test_{path.stem}.py::" not in t, took[t]))
         some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), args.seconds) + 1]
         passed, seconds = True, 0.0
         if some:
