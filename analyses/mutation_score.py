@@ -3,14 +3,13 @@
     python analyses/mutation_score.py models --mutants 30 --seed 1 --out runs/mutants_models.json
 
 A mutant is the package with one operator, comparison, number or condition changed. It runs in a copy of the repository
-against one file of tests after the other, those first that name its file or what that defines: the tests that run its
-line, the quickest first, up to the first that fails or to `--seconds` of tests (the rest might catch more). What takes
-ten times as long as the unchanged code and two minutes more is caught too (an endless loop). Which tests run a line is
-found by one run of the file of tests when it is first asked for, which is kept in `--kept` until the package or that
-file changes; tests that do not pass then (time budgets on a busy machine) are left out and named. Code that Numba
-compiles, whose lines nobody counts, and what runs on import are tried against all tests of such a file, with a cache
-less what was compiled from that code. Texts, types, decorators, messages and seeds are not changed. Survivors are
-printed with their line, so that a test can be written for each.
+against the tests that run its line, those of the file of its own name first, then the quickest, up to the first that
+fails or to `--seconds` of tests (the rest might catch more). What takes ten times as long as the unchanged code and two
+minutes more is caught too (an endless loop). Which tests run a line, and how long they take, is found by one run of
+each file of tests, which is kept in `--kept` until the package or that file changes; tests that do not pass then (time
+budgets on a busy machine) are left out and named. Code that Numba compiles, whose lines nobody counts, and what runs on
+import are tried against all tests, with a cache less what was compiled from that code. Texts, types, decorators,
+messages and seeds are not changed. Survivors are printed with their line, so that a test can be written for each.
 """
 
 from __future__ import annotations
@@ -217,17 +216,6 @@ def what_runs_what(home: Path, folder: str, file: Path) -> tuple[Lines, dict[str
     return lines, took
 
 
-def by_names(path: Path, tests: list[Path]) -> list[Path]:
-    """Files of tests, those first that bear the name of a file of the package, then those that name most of what it
-    defines; the others last, which reach it by way of others."""
-    body = ast.parse(path.read_text(encoding="utf-8")).body
-    names = [x.name for x in body if isinstance(x, (ast.FunctionDef, ast.ClassDef))]
-    names += [x.targets[0].id for x in body if isinstance(x, ast.Assign) and isinstance(x.targets[0], ast.Name)]
-    words = {f: set(re.findall(r"\w+", f.read_text(encoding="utf-8"))) for f in tests}
-    count = {f: len(words[f] & {*names, path.stem}) + 100 * (f.stem == f"test_{path.stem}") for f in tests}
-    return sorted(tests, key=lambda f: -count[f])
-
-
 def cache_without(home: Path, path: Path) -> Path:
     """A copy of Numba's cache less what was compiled from a file and from those that import it, by however many
     others: Numba does not see changes of functions that another file calls."""
@@ -270,6 +258,14 @@ def main() -> None:
     chosen = np.random.default_rng(args.seed).choice(len(found), min(args.mutants, len(found)), replace=False)
     every = [home / "copy" / x for x in args.tests or TESTS[args.folder]]
     every = [f for x in every for f in (sorted(x.glob("test_*.py")) if x.is_dir() else [x])]
+    ran: Lines = {}
+    took: dict[str, float] = {}
+    for file in every:
+        lines, times = what_runs_what(home, args.folder, file)
+        took |= times
+        for path, by_line in lines.items():
+            for n, tests in by_line.items():
+                ran.setdefault(path, {}).setdefault(n, set()).update(tests)
     done: list[Mutant] = []
     until = time.monotonic() + 60.0 * args.minutes
     for i in chosen:
@@ -278,27 +274,20 @@ def main() -> None:
         path, mutant, k = found[int(i)]
         where = path.relative_to(copied)
         text = path.read_text(encoding="utf-8")
-        passed, seconds, left = True, 0.0, args.seconds
-        for file in by_names(path, every):
-            ran, took = what_runs_what(home, args.folder, file)
-            mine = ran.get(path, {})
-            these = set().union(*(mine.get(n, ()) for n in statement_lines(text, mutant.line)))
-            compiled = runs_compiled(text, mutant.line, imported="" in these)
-            some = sorted(took if compiled or "" in these else these & took.keys(), key=took.__getitem__)
-            some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), left) + 1]
-            if not some:
-                continue  # no test here runs the line
+        these = set().union(*(ran.get(path, {}).get(n, ()) for n in statement_lines(text, mutant.line)))
+        compiled = runs_compiled(text, mutant.line, imported="" in these)
+        run = set(took) if compiled or "" in these else these & took.keys()
+        some = sorted(run, key=lambda t: (f"/test_{path.stem}.py::" not in t, took[t]))
+        some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), args.seconds) + 1]
+        passed, seconds = True, 0.0
+        if some:
             unchanged = path.stat()
             path.write_text(_text(text, k), encoding="utf-8")
             cache = cache_without(home, path) if compiled else home / "numba"
-            asked = sum(took[t] for t in some)
-            passed, needed = run_tests(copied, cache, some, 10.0 * asked + 120.0)
+            passed, seconds = run_tests(copied, cache, some, 10.0 * sum(took[t] for t in some) + 120.0)
             shutil.rmtree(home / "numba of a mutant", ignore_errors=True)
             path.write_text(text, encoding="utf-8")
             os.utime(path, ns=(unchanged.st_atime_ns, unchanged.st_mtime_ns))  # Numba's cache goes by it
-            seconds, left = seconds + needed, left - asked
-            if not passed or left <= 0.0:
-                break
         done.append(
             Mutant(str(where), mutant.line, mutant.before, mutant.after, "lives" if passed else "caught", seconds)
         )

@@ -189,6 +189,20 @@ def figure_files(monkeypatch):
 # ---- campaigns and diagnoses of the gap ----
 
 SCALES = Scales(length_mm=0.9, speed_m_s=0.113, force_N=4.0, slip_N=1.2, soft_N_mm=5.5, stiff_N_mm=15.0)
+
+
+def scaled(force: float = 1.0, length: float = 1.0, time: float = 1.0) -> Scales:
+    """The scales of a specimen so many times as strong, long and slow."""
+    return Scales(
+        length_mm=SCALES.length_mm * length,
+        speed_m_s=SCALES.speed_m_s * length / time,
+        force_N=SCALES.force_N * force,
+        slip_N=SCALES.slip_N * force,
+        soft_N_mm=SCALES.soft_N_mm * force / length,
+        stiff_N_mm=SCALES.stiff_N_mm * force / length,
+    )
+
+
 #: harmonics and phases of the campaigns below: enough for gaps of a few per cent, and quick
 SMALL = {"n_phase": 48, "n_harmonics": 16}
 #: slip forces of two gammas: a third adds nothing that these campaigns could show
@@ -282,6 +296,7 @@ def diagnosed(effect: str | None, plan: str = "grid"):
 def kit():
     return SimpleNamespace(
         scales=SCALES,
+        scaled=scaled,
         small=SMALL,
         settings=TWO_GAMMAS,
         parameter_values=parameter_values_of,

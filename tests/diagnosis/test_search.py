@@ -16,11 +16,11 @@ from bayes_iwan.diagnosis.search import model_search as searching
 from bayes_iwan.diagnosis.search import refits
 from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, newton_nats, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import candidate, start_points, stepped_on, weighed_alike
-from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, calibrated, silent
+from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, calibrated, friction_rms_N, silent
 from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, fit_singles, grow, search
 from bayes_iwan.diagnosis.search.search_result import LAST
 from bayes_iwan.effects import catalogue
-from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.base import TYPICAL_SHARE, Effect
 from bayes_iwan.effects.mounting import RigCompliance
 from bayes_iwan.effects.paper_stages import missing_terms
 from bayes_iwan.inference.setup.loop_scales import scales_of
@@ -261,8 +261,6 @@ def test_a_smaller_set_is_fitted_again_from_a_larger_one_and_kept_if_it_scores_m
 
 def test_strengths_are_brought_to_the_specimens_scale(kit):
     """At its median strength an effect moves the prior share of the friction force."""
-    from bayes_iwan.diagnosis.search.fitted_sets import friction_rms_N
-    from bayes_iwan.effects.base import TYPICAL_SHARE
     from bayes_iwan.inference.setup.loop_error import harmonics_of
 
     found = kit.diagnosed(None).search
@@ -279,6 +277,25 @@ def test_strengths_are_brought_to_the_specimens_scale(kit):
         moved = np.sqrt(np.mean(np.abs(c[:, 0]) ** 2 + 0.5 * np.sum(np.abs(c[:, 1:]) ** 2, axis=1)))
         share = moved / friction_rms_N(found.base.problem, found.base.z)
         assert share == pytest.approx(TYPICAL_SHARE, rel=0.15), name
+
+
+def test_a_strength_is_one_at_which_the_model_still_has_a_force(kit):
+    """A push that breaks the model before it moves the prior share: as large as it may be without."""
+    found = kit.diagnosed(None).search
+    base, friction_N = found.base, friction_rms_N(found.base.problem, found.base.z)
+
+    class Breaking(Effect):
+        name, strength = "breaking", ("push_N", "p", "N", "a constant force")
+
+        def first_guess(self):
+            return 0.02 * friction_N
+
+        def force(self, force_N, motion, parameter_values):
+            push = self.get(parameter_values, "push_N")
+            return force_N + np.where(push < 0.5 * TYPICAL_SHARE * friction_N, push, np.nan)
+
+    at = calibrated(Breaking, base.problem.scales, found.data, base.problem, base.z).strength_value
+    assert 10.0**-0.1 < at / (0.5 * TYPICAL_SHARE * friction_N) < 1.0  # the steps that are tried
 
 
 def test_start_points_keep_the_smaller_models_numbers(kit):

@@ -177,6 +177,14 @@ def test_fading_friction_shows_along_the_record():
     assert "change along the record" in " ".join(where_sentences(found))
 
 
+def test_a_drifting_force_changes_the_mean_alone_from_the_first_block_to_the_last():
+    found, size = looked(lambda u, v, a, n: 0.01 * n)
+    drift = [0.01 * (cycle[-1] - cycle[0]) for cycle in size.cycle]
+    np.testing.assert_allclose(found.change_N, np.transpose([drift, np.zeros(6), np.zeros(6)]), atol=0.01)
+    assert min(drift) > 0.1 and next(x for x in found.of("record") if x.name == "mean").significant
+    assert not next(x for x in found.of("record") if x.name == "quadrature").significant
+
+
 def test_nothing_stands_out_without_a_cause(plain):
     quiet = 0
     for seed in range(4):

@@ -74,8 +74,10 @@ def test_slip_forces_follow_a_power_of_the_pressure_or_an_exponential(kit):
     power = mid_stroke(kit, effect, under_pressure(), exponent=0.7, form=0.0)
     np.testing.assert_allclose(power / power[0], (p / p[0]) ** 0.7, rtol=1e-6)
     assert np.prod(power) == pytest.approx(1.0, rel=1e-6)  # about the geometric mean
-    growing = mid_stroke(kit, effect, under_pressure(), exponent=0.7, form=1.0)
-    np.testing.assert_allclose(growing / growing[0], np.exp(0.7 * (p - p[0]) / 2.0), rtol=1e-6)
+    for q in (0.05, 1.0):
+        growing = mid_stroke(kit, effect, under_pressure(), exponent=0.7, form=q)
+        expected = np.exp(0.7 * ((p / 2.0) ** q - (p[0] / 2.0) ** q) / q)
+        np.testing.assert_allclose(growing / growing[0], expected, rtol=1e-6)
 
 
 def test_stiffness_follows_alone_or_with_the_slip_forces(kit):

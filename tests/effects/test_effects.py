@@ -38,6 +38,11 @@ def of(name, kit):
     return next(e for e in ALSO_SHAPES if e.name == name)(kit.scales, ("a.csv", "b.csv"))
 
 
+#: act on records, not on loops
+RECORDS = ("force_drift", "mains_interference")
+#: have a time or a speed of their own, which is known in terms of the record's
+OWN_CLOCK = ("SpringSoftening", "DirectionDependentNormalForce", "DirectionDependentSlip", "NormalForceFree")
+
 #: extra parameters at which a law is the classical one, where that is not their prior's median
 CLASSIC = {
     "viscous_damping.exponent": 1.0,
@@ -75,13 +80,17 @@ def harmonics(force):
     return c
 
 
-def change(name, kit, strength, at=None, model=None, parameter_values=None, **shapes):
+def forces(effect, strength, at, model, parameter_values, **shapes):
     """Force with the effect and without, (loops, samples)."""
-    effect, at = of(name, kit), motion() if at is None else at
-    model = Model(kit.reference) if model is None else model
-    parameter_values = kit.parameter_values(model) if parameter_values is None else parameter_values
     with_it = parameter_values | with_strength(effect, strength, **shapes)
     return recorded_force(model, (effect,), with_it, at)[0], recorded_force(model, (), parameter_values, at)[0]
+
+
+def change(name, kit, strength, at=None, model=None, parameter_values=None, **shapes):
+    """The same of the effect of that name, by default on Table 1."""
+    model = Model(kit.reference) if model is None else model
+    parameter_values = kit.parameter_values(model) if parameter_values is None else parameter_values
+    return forces(of(name, kit), strength, motion() if at is None else at, model, parameter_values, **shapes)
 
 
 def work(force, at):
@@ -112,24 +121,27 @@ def test_every_effect_says_what_it_is(kind, kit):
 
 @pytest.mark.parametrize(
     "kind",
-    [e for e in catalogue.BUILT_IN if e.name not in ("force_clipping", "force_drift", "mains_interference")],
+    [e for e in catalogue.BUILT_IN if e.name not in (*RECORDS, "force_clipping")],
     ids=lambda k: k.__name__,
 )
 def test_a_first_guess_moves_the_force_by_some_per_cent_of_the_slip_force(kind, kit):
-    """Forces and stiffnesses ten times as large: ten times the force is moved. Those left out act on records."""
-    moved, forces = [], ("force_N", "slip_N", "soft_N_mm", "stiff_N_mm")
-    for factor in (1.0, 10.0):
-        scales = replace(kit.scales, **{n: factor * getattr(kit.scales, n) for n in forces})
-        effect, model = kind(scales, ("a.csv", "b.csv")), Model(kit.reference)
-        values = {
-            n: v * (factor if n.endswith(("_N", "_N_mm")) else 1.0) for n, v in kit.parameter_values(model).items()
-        }
-        with_it = values | with_strength(effect, effect.first_guess())
-        at = motion(cycle=100.0)
-        difference = recorded_force(model, (effect,), with_it, at) - recorded_force(model, (), values, at)
-        moved.append(np.sqrt(np.mean(difference**2)) / scales.slip_N)
-    assert 0.02 < moved[0] < 0.2
-    assert moved[1] == pytest.approx(moved[0], rel=1e-6)
+    """Those left out act on records."""
+    effect, model, at = kind(kit.scales, ("a.csv", "b.csv")), Model(kit.reference), motion(cycle=100.0)
+    moved = np.subtract(*forces(effect, effect.first_guess(), at, model, kit.parameter_values(model)))
+    assert 0.02 < np.sqrt(np.mean(moved**2)) / kit.scales.slip_N < 0.2
+
+
+@pytest.mark.parametrize("kind", [e for e in ALSO_SHAPES if e.name not in RECORDS], ids=lambda k: k.__name__)
+def test_what_needs_a_clock_tells_a_fast_motion_from_a_slow_one(kind, kit):
+    """What needs none is the same at any speed, but for laws whose own time or speed may be that of the record."""
+    effect, fast = kind(kit.scales), motion(cycle=100.0)
+    model = Model(kit.reference, normal_force="hunt_crossley_no_speed")
+    slow = sine_motion(frequency_hz=fast.frequency_hz / 3.0, amplitude_mm=fast.amplitude_mm)
+    moved = [
+        np.subtract(*forces(effect, effect.first_guess(), at, model, kit.parameter_values(model)))
+        for at in (fast, replace(slow, cycle=fast.cycle))
+    ]
+    assert np.allclose(*moved, rtol=1e-9) != (effect.needs_clock or kind.__name__ in OWN_CLOCK)
 
 
 @pytest.mark.parametrize("kind", ALSO_SHAPES, ids=lambda k: k.__name__)
@@ -547,6 +559,14 @@ def test_papers_terms_on_the_classical_model_are_the_papers_model(kit):
         "stiffness_of_normal_force.elasticity": bend / np.expm1(bend),
     }
     np.testing.assert_allclose(recorded_force(classical, terms, parameter_values, at), whole.force(true, at), atol=1e-9)
+
+
+@pytest.mark.parametrize("elasticity", [1e-4, 0.03, 0.4, 0.99])
+def test_elasticity_is_the_slope_of_ln_k_over_ln_alpha_however_small(elasticity, kit):
+    effect, alpha = of("stiffness_of_normal_force", kit), np.exp([[[-1e-4, 0.0, 1e-4]]])
+    k = effect.stiffness(5.0 * np.ones_like(alpha), alpha, motion(), with_strength(effect, elasticity))[0, 0]
+    assert k[1] == pytest.approx(5.0)
+    assert np.log(k[2] / k[0]) / 2e-4 == pytest.approx(elasticity, rel=1e-5)
 
 
 def test_papers_terms_are_offered_only_where_the_base_lacks_them():

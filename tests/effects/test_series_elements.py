@@ -74,7 +74,7 @@ def behind_a_play(elements, half):
     [
         (mounting.FreePlay, {"play_mm": 0.09, "softness": 1e-6}),
         (mounting.FreePlay, {"play_mm": 0.5, "softness": 1e-6}),
-        (mounting.RigCompliance, {"compliance_mm_N": 0.006, "soft_ratio": 3.0, "soft_N": 1.0}),
+        (mounting.RigCompliance, {"compliance_mm_N": 0.006, "soft_ratio": 3.0, "soft_N": 0.6}),
         (mounting.RigCompliance, {"compliance_mm_N": 0.08, "soft_ratio": 1.0, "soft_N": 1.0}),
     ],
     ids=["play of a tenth", "play of half the stroke", "stiff rig", "rig softer than the specimen"],
@@ -100,6 +100,19 @@ def test_it_is_what_stop_elements_do_step_by_step(kind, given, slope, beta, kit)
     assert np.sqrt(np.mean((force - marched) ** 2)) < 1e-6 * np.sqrt(np.mean(friction**2))
     without = recorded_force(model, (), values, motion)[0, 0]
     assert np.sqrt(np.mean((force - without) ** 2)) > 0.02 * np.sqrt(np.mean(friction**2))
+
+
+@pytest.mark.parametrize("softness", [0.01, 0.3])
+def test_the_ends_of_a_play_close_softly_about_the_place_where_the_force_crosses_zero(softness):
+    """x − c = half + w·ln(1 + …): far from an end as hard as it is, at it w·ln 2 beyond it."""
+    u, half, width = np.linspace(-1.0, 1.0, 401), 0.1, 0.1 * softness
+    for column, c, velocity in ((0, 0.3, 1.0), (1, -0.45, -1.0)):
+        crossing, out = np.full((1, 1, 2), np.nan), np.empty((1, 1, 401))
+        crossing[0, 0, column] = c
+        rising = np.full((1, 1, 401), velocity)
+        mounting._through_play(u[None, None], rising, np.array([half]), np.array([softness]), crossing, out)
+        ahead, behind = (np.logaddexp(0.0, (sign * (u - c) - half) / width) for sign in (1.0, -1.0))
+        np.testing.assert_allclose(out[0, 0], c + width * (ahead - behind), atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", mounting.EFFECTS)

@@ -70,7 +70,7 @@ def test_every_quantity_at_known_numbers(problem, known):
         at_rest = 1 + 0.6 * ((2 * a) ** 0.6 - a**0.6)
         assert ends["minus_A"] == pytest.approx(at_rest, rel=2e-3)
         middle = 1 + 1.1 * 0.6 * a**0.6 * 2 * np.pi * f * a * 1e-3
-        assert ends["0_up"] == pytest.approx(middle, rel=5e-3) and ends["0_down"] == pytest.approx(middle, rel=0.03)
+        assert ends["0_up"] == pytest.approx(middle, rel=5e-3) and ends["0_down"] == pytest.approx(middle, rel=5e-3)
         assert ends["plus_A"] < ends["0_up"]
     assert q["kp_N_mm"].unit == "N/mm" and q[f"dissipated_energy_mJ[{problem.loops[0].file}]"].unit == "mJ"
 

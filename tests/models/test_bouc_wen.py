@@ -63,11 +63,16 @@ def test_steady_loops_against_scipy(case, amplitude, truth):
 
 
 def test_small_loops_close_though_they_forget_slowly(truth):
-    """k A = Z/20: hundreds of cycles would pass before a symmetric loop sits about zero; the secant finds it."""
+    """k A = Z/20: hundreds of cycles would pass before a symmetric loop sits about zero; the secant finds it, from
+    either side and however strong the specimen is."""
     rival, parameter_values = parameter_values_of("n = 2", truth)
-    force = rival.force(parameter_values, sine_motion(frequency_hz=10.0, amplitude_mm=1.2 / 14.0 / 20.0))[0, 0]
+    motion = sine_motion(frequency_hz=10.0, amplitude_mm=1.2 / 14.0 / 20.0)
+    force = rival.force(parameter_values, motion)[0, 0]
     np.testing.assert_allclose(force[:64], -force[64:], atol=3e-5)
     assert np.max(force) > 0.04
+    strong = parameter_values | truth.columns(bw_k_N_mm=14e3, bw_force_N=1.2e3)
+    mirrored = motion.moved(-motion.displacement_mm, -motion.velocity_m_s, -motion.acceleration_m_s2)
+    np.testing.assert_allclose(rival.force(strong, mirrored)[0, 0], -1e3 * force, rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -11,7 +11,7 @@ import pytest
 
 from bayes_iwan.inference.setup import discrepancy, spectrum
 from bayes_iwan.inference.setup.loop_scales import Scales
-from bayes_iwan.models import Model, Reference, slip_force
+from bayes_iwan.models import Model, Reference, sine_motion, slip_force
 from bayes_iwan.models.bouc_wen import OTHER_MODELS
 from bayes_iwan.models.simulator import straight_part
 
@@ -49,6 +49,20 @@ def test_priors_are_those_that_were_measured(name):
     assert sorted(kept[name]) == sorted(now[name])
     for key, values in kept[name].items():
         assert now[name][key] == pytest.approx(values, rel=1e-9), key
+
+
+@pytest.mark.parametrize("name", (*slip_force.FAMILIES, *OTHER_MODELS))
+def test_similar_specimens_have_similar_loops(name, kit):
+    """Dynamic similarity: a specimen that is 1,000 times as strong, 10,000 times as long and 100 times as fast has the
+    same loops in its own units, large and small."""
+    loops = []
+    for force, length, time in ((1.0, 1.0, 1.0), (1e3, 1e4, 1e-2)):
+        scales = kit.scaled(force, length, time)
+        simulator = OTHER_MODELS.get(name) or Model(scales.reference, slip=name, embedded=True)
+        sampled = {p.name: p.value(np.array([0.7])) for p in simulator.parameters(scales)}
+        at = sine_motion(frequency_hz=[20.0 / time, 8.0 / time], amplitude_mm=[0.9 * length, 0.01 * length])
+        loops.append(simulator.force(simulator.parameter_values(sampled), at) / force)
+    np.testing.assert_allclose(loops[1], loops[0], atol=1e-12)
 
 
 @pytest.mark.parametrize("n", [2, 3])

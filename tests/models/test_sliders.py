@@ -54,6 +54,19 @@ def test_random_gammas_and_directions_on_random_motions(truth):
         assert np.max(np.abs(error)) < 1e-4 * np.sum(g * t * eta) * alpha.max() * max(1.0, np.max(k[1:] / k[:-1]))
 
 
+@pytest.mark.parametrize("degree", [2, 3])
+def test_turning_points_between_samples_are_those_of_the_cubic(degree):
+    """Displacements and slopes that one cubic gives at all samples: it is known between them, too."""
+    rng = np.random.default_rng(degree)
+    for _ in range(50):
+        turns = [rng.uniform(2.0, 6.0), rng.uniform(9.0, 13.0)][: degree - 1]
+        slope = rng.choice([-1.0, 1.0]) * np.polynomial.Polynomial.fromroots(turns)
+        u, samples = slope.integ(k=rng.standard_normal()), np.arange(16.0)
+        at, where, off = sliders.way(u(samples), slope(samples), closed=False)
+        np.testing.assert_allclose((where + off)[off != 0.0], turns, rtol=1e-9)
+        np.testing.assert_allclose(at, u(where + off), rtol=1e-9, atol=1e-12)
+
+
 def plain(truth):
     """The unit uniform distribution on (0, 2): mean 1, L(φ) = φ − φ²/4 exactly."""
     table, top = FAMILIES["uniform"].table(truth.columns(slip_mean_N=1.0, slip_width=1.0))

@@ -62,13 +62,13 @@ def _some(problem: Problem, z: Array, loops: Sequence[Loop], motion: Motion) -> 
     energy, stiffness, loss = loop_quantities(motion.displacement_mm, force)
     for j, loop in enumerate(loops):
         u = loop.displacement_mm
-        falling = np.flatnonzero((u > 0) & (np.roll(u, -1) <= 0))
+        down = np.argmin(np.where(np.roll(u, 1) > np.roll(u, -1), np.abs(u), np.inf))  # u nearest zero where it falls
         out[f"dissipated_energy_mJ[{loop.file}]"] = Derived("mJ", energy[:, j])
         out[f"equivalent_stiffness_N_mm[{loop.file}]"] = Derived("N/mm", stiffness[:, j])
         out[f"loss_factor[{loop.file}]"] = Derived("-", loss[:, j])
         if alpha is None:
             continue
-        places = (("minus_A", np.argmin(u)), ("0_up", 0), ("plus_A", np.argmax(u)), ("0_down", falling[0]))
+        places = (("minus_A", np.argmin(u)), ("0_up", 0), ("plus_A", np.argmax(u)), ("0_down", down))
         for place, i in places:
             out[f"alpha_{place}[{loop.file}]"] = Derived("-", alpha[:, j, i])
     return out
