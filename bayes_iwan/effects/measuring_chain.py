@@ -30,7 +30,7 @@ class ChannelDelay(Effect):
         return 5e-5 * self.scales.length_mm / self.scales.speed_m_s
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        return {"dispersion": form("p", "growth of the delay with frequency, as a power", about(0.0, 0.2), -0.9, 0.9)}
+        return {"dispersion": form("p", "growth of the delay with frequency, as a power", about(0.0, 0.1), -0.3, 0.3)}
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         delay, p = self.get(parameter_values, "delay_s"), self.get(parameter_values, "dispersion")
