@@ -88,7 +88,7 @@ def disturbances(loop: Loop) -> list[str]:
         stretches += _stretches(loop, name, values, float(np.ptp(mean_loop)))
     if loop.n_cycles < FEWEST:  # a channel that is dead for a while is seen among three, what is off by some is not
         notes = _jumped(loop, *_short_cycle(loop)) if loop.record.clock else []
-        return notes + _force_amplitude(loop, each)
+        return notes + _drive_amplitude(loop, each) + _force_amplitude(loop, each)
     notes = _phase(loop, each) if loop.record.clock else []
     notes += _drive_amplitude(loop, each)
     notes += _force_amplitude(loop, each)
@@ -177,9 +177,10 @@ def _change(each: Cycles, values: Array) -> str:
 
 
 def _drive_amplitude(loop: Loop, each: Cycles) -> list[str]:
-    noise = 1.4826 * float(np.median(np.abs(np.diff(each.amplitude_mm, 2)))) / np.sqrt(6)
-    spread = _spread(each.amplitude_mm)
-    alternates = noise > spread * float(np.median(each.amplitude_mm)) / 4
+    spread, size = _spread(each.amplitude_mm), float(np.median(each.amplitude_mm))
+    alternates = each.number.size < FEWEST  # of so few any change may be noise
+    if not alternates:
+        alternates = 1.4826 * float(np.median(np.abs(np.diff(each.amplitude_mm, 2)))) / np.sqrt(6) > spread * size / 4
     if spread <= AMPLITUDE or (alternates and spread <= 6 * _white(loop, loop.record.displacement_mm)):
         return []
     return [
