@@ -12,7 +12,8 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop, average
-from bayes_iwan.campaign.loops.drift import level_record
+from bayes_iwan.campaign.loops.drift import friction_N, level_record
+from bayes_iwan.campaign.loops.resolution import MOST_POINTS
 from bayes_iwan.campaign.loops.steadiness import disturbances, when
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.displacement_drift import COARSE, without_drift
@@ -29,6 +30,7 @@ AT_TURN = 0.002  # of the stroke: nearer to its end the displacement turns, or i
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
 #: cycles that are not used from which it is said, and their motion over the others'
 UNUSED, MOVES, MUCH_LESS = 1.5, 0.03, 0.5
+CORNER_ERROR = 0.02  # of amplitude or energy: a loop that is off its samples by more is refused
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 ROUNDED = 1e-3  # of a step: times that are off an even clock by more are rounded, and so is the first
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
@@ -212,19 +214,21 @@ def _unused(record: Record, loop: Loop) -> list[str]:
 def _corners(loop: Loop) -> list[str]:
     """A drive with corners is kept whole, but what the channels make of the corners is not the specimen's doing.
 
-    Raises CampaignError for a flank that neither the samples nor the loop's harmonics follow.
+    Raises CampaignError for corners that neither the samples nor the loop's harmonics follow.
     """
     if loop.corners:
+        fine, kept = average(loop.record, MOST_POINTS, n_blocks=1), loop.averager.index
         first = np.searchsorted(np.floor(loop.averager.phase), loop.cut.cycles)
-        steps = np.abs(np.diff(loop.record.displacement_mm[loop.averager.index], append=np.nan))
-        flank = float(np.ptp(loop.displacement_mm) / np.median(np.fmax.reduceat(steps, first)))
-        share = flank * loop.n_cycles / steps.size
-        samples, shortest = FEWEST_PER_CYCLE / 2, 1 / (loop.harmonics_N.size - 1)  # half a sine; the last harmonic
-        if flank < samples or share < shortest:
+        u, force = loop.record.displacement_mm[kept], loop.record.force_N[kept]
+        unit = loop.record.units.displacement
+        stroke = float(np.median(np.maximum.reduceat(u, first) - np.minimum.reduceat(u, first)))
+        energy, own = _area(fine.displacement_mm, fine.force_N), _area(u, force) / loop.n_cycles
+        # noise makes a stroke longer, never shorter
+        if abs(energy - own) > CORNER_ERROR * 2 * stroke * friction_N(fine) or 2 * fine.amplitude_mm > (1 + CORNER_ERROR) * stroke:
             raise CampaignError(
-                f"{loop.file}: the displacement returns in {flank:.2g} samples, {100 * share:.2g} % of a cycle, which "
-                f"gives a wrong amplitude and energy. Return more slowly, in {samples:g} samples and "
-                f"{100 * shortest:.2g} % of a cycle at least"
+                f"{loop.file}: the displacement jumps faster than samples and harmonics follow: an amplitude of "
+                f"{fine.amplitude_mm:.4g} where samples show {stroke / 2:.4g} {unit}, an "
+                f"energy of {energy:.4g} for {own:.4g} N {unit}. Move more slowly where it jumps"
             )
     if not loop.corners_gap:
         return []
@@ -233,6 +237,11 @@ def _corners(loop: Loop) -> list[str]:
         f"at once is more than filtered channels pass. A gap of up to {100 * loop.corners_gap:.2g} % of the friction "
         "force may be theirs, and `diagnose` lays that on nothing; run sines"
     ]
+
+
+def _area(u: Array, force: Array) -> float:
+    """Area within closed curves of displacement (n,) and force (n,)."""
+    return 0.5 * float(np.sum((force + np.roll(force, -1)) * (np.roll(u, -1) - u)))
 
 
 def _counted_frequency(time: Array, frequency_hz: float) -> float:

@@ -282,9 +282,9 @@ def _stretches(loop: Loop, name: str, values: Array, height: float) -> list[str]
     time = loop.record.time_s
     kept = values[index]
     still = np.abs(np.diff(kept)) <= 1e-9 * height
+    rests = max(FLAT_SAMPLES - 1, _longest(still & ~bad[1:]) + 1)  # as coarse steps make them in every cycle
     for a, b in runs:
-        at_rest = still[max(a - FLAT_SAMPLES, 0) : b + FLAT_SAMPLES - 1]
-        if _longest(at_rest) + 1 >= FLAT_SAMPLES:
+        if _longest(still[max(a - FLAT_SAMPLES, 0) : b + FLAT_SAMPLES - 1]) >= rests:
             raise CampaignError(
                 f"{loop.file}: the {name} stands still where it moves in other cycles, near "
                 f"{when(loop, time[index[a]])} to {when(loop, time[index[b - 1]])} ({len(runs)} such stretch(es)): "
