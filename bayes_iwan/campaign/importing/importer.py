@@ -334,7 +334,9 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         )
         out.append(ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line)))
     if not out:
-        raise CampaignError(f"{where}: none of {len(pieces)} levels can be used. {dropped[-1].removeprefix('dropped: ')}")
+        raise CampaignError(
+            f"{where}: none of {len(pieces)} levels can be used. {dropped[-1].removeprefix('dropped: ')}"
+        )
     if drive is not None and staircase:
         text = f"It is {staircase_said(drive, recipe.clock)}, which would look like one specimen that changes: make a "
         raise ImportAsks(where, [Question("--split", "", "", f"{text}test of each.")])

@@ -14,7 +14,7 @@ from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.loops.noise import MANY_CYCLES, SOME_CYCLES, harmonic_noise
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.corners import CORNERS_GAP, CORNERS_SAMPLES, LEAST_GAP, cornered_motion, has_corners
-from bayes_iwan.campaign.timing.cycles import Cut, cut_cycles
+from bayes_iwan.campaign.timing.cycles import MOST_HARMONICS, Cut, cut_cycles
 from bayes_iwan.campaign.timing.harmonics import evaluate, grams, inverse, on_grid, project, to_complex
 
 SAMPLES_PER_HARMONIC = 0.45  # harmonics resolved per sample of a cycle; 0.5 is Nyquist
@@ -186,7 +186,7 @@ class Loop:
         return _residual(self.averager, signal, self.averager.solve([signal])[0, -1])
 
 
-def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks: int = 6) -> Loop:
+def average(record: Record, n_phase: int = 128, n_harmonics: int = MOST_HARMONICS, n_blocks: int = 6) -> Loop:
     """Average the steady cycles of one record; see `Loop` for what comes out.
 
     Raises CampaignError where the record has fewer than two whole steady cycles.
@@ -309,7 +309,9 @@ def _motion_weights(size: Array, noise: Array) -> tuple[Array, bool, bool]:
     weights = np.where(h <= last + 1, strong, False).astype(float)
     speed *= weights
     upper = (h > (last + 1) / 2) & (h <= last + 1)
-    runs_out = bool(last + 4 < noise.size and size[last] > RUN_OUT * hidden[last])
+    # at a corner the velocity's harmonics fall off as 1 / h, so what is below 1 / h^2 is of none
+    matter = np.flatnonzero(strong & (h**3 * size >= np.max(h * size * strong)))[-1]
+    runs_out = bool(matter + 4 < noise.size and size[matter] > RUN_OUT * hidden[matter])
     cornered = bool(weights.sum() >= FEWEST_TO_TAPER and speed[upper].sum() > CORNERS * speed.sum())
     if cornered and not runs_out:
         weights[upper] *= np.cos(np.pi / 2 * np.linspace(0, 1, upper.sum() + 2)[1:-1]) ** 2

@@ -16,8 +16,11 @@ from bayes_iwan.campaign.loops.drift import friction_N, level_record
 from bayes_iwan.campaign.loops.resolution import MOST_POINTS
 from bayes_iwan.campaign.loops.steadiness import disturbances, when
 from bayes_iwan.campaign.recording.records import CampaignError, Record
+from bayes_iwan.campaign.timing.cycles import MOST_HARMONICS
 from bayes_iwan.campaign.timing.displacement_drift import COARSE, without_drift
 from bayes_iwan.campaign.timing.drive import assess_drive, refuse_unsteady
+from bayes_iwan.campaign.timing.harmonics import white_noise
+from bayes_iwan.campaign.timing.period import ALIKE
 
 NOMINAL_TOLERANCE = 0.10
 FEWEST_PER_CYCLE = 8.0
@@ -153,6 +156,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     notes += _angle(loop)
     notes += corners
     notes += disturbances(loop)
+    _refuse_smeared(loop)
     static, height = float(loop.harmonics_N[0].real), float(np.ptp(loop.force_N))
     if abs(static) > PRELOAD * height:
         notes.append(
@@ -193,6 +197,19 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     return replace(record, warnings=tuple(notes)), loop
 
 
+def _refuse_smeared(loop: Loop) -> None:
+    """Raise CampaignError where a loop lacks much of the displacement that its record has beyond noise."""
+    u = loop.record.displacement_mm[loop.cut.index] - loop.offset_mm
+    whole, kept = (float(np.mean(np.sort(x**2)[: int(0.95 * x.size)])) for x in (u, loop.displacement_mm))  # no spikes
+    lost = whole - kept - white_noise(u) ** 2
+    if lost > ALIKE**2 * whole:
+        raise CampaignError(
+            f"{loop.file}: {np.sqrt(lost / whole):.0%} of the displacement is lost in averaging: it does not repeat "
+            f"after {loop.cut.frequency_hz**-1:.4g} s, or moves faster than the {MOST_HARMONICS} harmonics of a loop. "
+            f"Steady the drive; take a multisine's highest frequency below {MOST_HARMONICS} times its base"
+        )
+
+
 def _unused(record: Record, loop: Loop) -> list[str]:
     """Parts before and after the cycles that are used in which the motion is much smaller, and is no standstill."""
     time, kept, notes = record.time_s, record.time_s[loop.cut.index], []
@@ -224,7 +241,10 @@ def _corners(loop: Loop) -> list[str]:
         stroke = float(np.median(np.maximum.reduceat(u, first) - np.minimum.reduceat(u, first)))
         energy, own = _area(fine.displacement_mm, fine.force_N), _area(u, force) / loop.n_cycles
         # noise makes a stroke longer, never shorter
-        if abs(energy - own) > CORNER_ERROR * 2 * stroke * friction_N(fine) or 2 * fine.amplitude_mm > (1 + CORNER_ERROR) * stroke:
+        if (
+            abs(energy - own) > CORNER_ERROR * 2 * stroke * friction_N(fine)
+            or 2 * fine.amplitude_mm > (1 + CORNER_ERROR) * stroke
+        ):
             raise CampaignError(
                 f"{loop.file}: the displacement jumps faster than samples and harmonics follow: an amplitude of "
                 f"{fine.amplitude_mm:.4g} where samples show {stroke / 2:.4g} {unit}, an "

@@ -13,6 +13,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.recording.records import Record
+from bayes_iwan.campaign.timing.harmonics import white_noise
 
 RAIL_SHARE = 0.004  # of the kept samples at one extreme value, in runs, before a channel seems limited
 COARSE = 0.01  # of the span: a smallest step so large that a flat top is a single value of the recorder
@@ -207,8 +208,9 @@ def _as_an_amplifier(
         if record.file != one.file and (one.exact or (top is not None and top.through)):
             continue  # no friction does that: the range was set for this test alone
         values = (record.force_N if one.channel == "force" else record.displacement_mm)[loop.cut.index]
-        step = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6)
-        if np.max(one.side * values) > one.side * one.level + max(BEYOND * float(np.ptp(values)), 5.0 * step):
+        if np.max(one.side * values) > one.side * one.level + max(
+            BEYOND * float(np.ptp(values)), 5.0 * white_noise(values)
+        ):
             return False
     other = [x.level for x in all_of_them if x.channel == one.channel and x.file == one.file and x.side != one.side]
     if other and not one.exact and abs(abs(other[0]) - abs(one.level)) > ONE_SIZE * abs(one.level):

@@ -14,6 +14,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.recording.records import CampaignError
 from bayes_iwan.campaign.timing.cycles import cycle_shapes
+from bayes_iwan.campaign.timing.harmonics import white_noise
 
 SHAPE_HARMONICS = 6  # by which cycles are compared
 FEWEST = 6  # cycles below which scatter over cycles says nothing
@@ -178,9 +179,8 @@ def _change(each: Cycles, values: Array) -> str:
 
 def _drive_amplitude(loop: Loop, each: Cycles) -> list[str]:
     spread, size = _spread(each.amplitude_mm), float(np.median(each.amplitude_mm))
-    alternates = each.number.size < FEWEST  # of so few any change may be noise
-    if not alternates:
-        alternates = 1.4826 * float(np.median(np.abs(np.diff(each.amplitude_mm, 2)))) / np.sqrt(6) > spread * size / 4
+    # of few cycles any change may be noise
+    alternates = each.number.size < FEWEST or white_noise(each.amplitude_mm) > spread * size / 4
     if spread <= AMPLITUDE or (alternates and spread <= 6 * _white(loop, loop.record.displacement_mm)):
         return []
     return [
@@ -191,9 +191,8 @@ def _drive_amplitude(loop: Loop, each: Cycles) -> list[str]:
 
 def _white(loop: Loop, values: Array) -> float:
     """Error of one cycle's amplitude, relative, that white noise of the record would make."""
-    noise = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6)
     per_cycle = loop.averager.index.size / loop.n_cycles
-    return float(noise * np.sqrt(2 / per_cycle) / max(np.std(values) * np.sqrt(2), 1e-300))
+    return float(white_noise(values) * np.sqrt(2 / per_cycle) / max(np.std(values) * np.sqrt(2), 1e-300))
 
 
 def when(loop: Loop, time_s: float) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.timing.harmonics import evaluate
+from bayes_iwan.campaign.timing.harmonics import evaluate, white_noise
 
 SMOOTH_HARMONICS = 8  # beside the kinks
 MOST_KINKS = 6
@@ -81,7 +81,7 @@ def cornered_motion(phase: Array, displacement: Array, n_cycles: int) -> Cornere
     weight = np.sqrt(count[used] / count[used].mean())
     y = np.bincount(cell, displacement, BINS)[used] / count[used] * weight
     # straight pieces have no second differences but noise
-    noise = 1.4826 * float(np.median(np.abs(np.diff(displacement, 2)))) / np.sqrt(6 * count[used].mean())
+    noise = white_noise(displacement) / np.sqrt(count[used].mean())
     turn = 2 * np.pi * np.arange(1, SMOOTH_HARMONICS + 1) * x[:, None]
     smooth = np.concatenate([np.ones((x.size, 1)), np.cos(turn), np.sin(turn)], axis=1) * weight[:, None]
     basis = np.linalg.qr(smooth)[0]

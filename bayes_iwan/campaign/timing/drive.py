@@ -17,6 +17,7 @@ import numpy as np
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.cycles import HYSTERESIS, crossings, cycle_shapes, phase_between
+from bayes_iwan.campaign.timing.harmonics import white_noise
 from bayes_iwan.campaign.timing.period import period_marks, whole_period
 
 LEVEL = 0.03  # two levels further apart than this (of amplitude or frequency) are two tests
@@ -68,8 +69,7 @@ def assess_drive(time_s: Array, displacement: Array) -> Drive | None:
     half = (high - low) / 2
     if not half > 0:
         return None
-    noise = float(np.median(np.abs(np.diff(displacement, 2)))) * 1.4826 / np.sqrt(6)
-    middle, hysteresis = (low + high) / 2, min(max(SMALLEST, 8 * noise / half), HYSTERESIS)
+    middle, hysteresis = (low + high) / 2, min(max(SMALLEST, 8 * white_noise(displacement) / half), HYSTERESIS)
     times = crossings(time_s, displacement, middle, half, hysteresis=hysteresis, ends=True)
     repeats = whole_period(time_s, displacement, times)  # a multisine swings little for a while, which is no pause
     pauses = _pauses(time_s, displacement - middle, hysteresis * half, times) if repeats is None else []
@@ -92,9 +92,9 @@ def assess_drive(time_s: Array, displacement: Array) -> Drive | None:
         marks, halves = _half_cycles(*given, middle, hysteresis * (high - low) / 2)
         sizes = halves * SIZE_ALONE
         apart = _merged(sizes, _segments(sizes / LEVEL, 0, len(halves)), HELD)
-        enough = len(apart) > (len(groups) if kind == "levels" else 1) and sum(
-            b - a for a, b in apart
-        ) >= SHORT[1] * len(halves)
+        enough = len(apart) > (len(groups) if kind == "levels" else 1) and sum(b - a for a, b in apart) >= SHORT[
+            1
+        ] * len(halves)
         within = [(max(a - 1, 0), min(b - 1, len(halves) - 2)) for a, b in apart]  # the record's ends may cut a swing
         if enough and _kind(sizes[1:-1], within) == "levels":
             starts, size, y, groups, kind, ends = marks, np.exp(halves[:, 0]), halves, apart, "levels", 1

@@ -7,7 +7,6 @@ from scipy.signal import correlate
 
 from bayes_iwan.arrays import Array
 
-MOST = 40  # crossings in a period
 UNLIKE = 0.05  # RMS from one crossing to the next, over that of two signals without relation: no cycle ends there
 POINTS = 64  # of a cycle that is compared with others
 SMALL = 0.25  # of the amplitude: nearer to the middle no side is counted
@@ -31,8 +30,7 @@ def whole_period(time_s: Array, displacement: Array, times: Array) -> float | No
     first = _least(lag, off, one)[1]
     if first < UNLIKE:
         return None  # a cycle ends at each crossing but a few: a spike or a dropout made those
-    span = time_s[-1] - time_s[0]
-    most = min(MOST * one, 0.501 * span + float(np.median(np.diff(time_s))))
+    most = 0.501 * float(time_s[-1] - time_s[0]) + float(np.median(np.diff(time_s)))
     around = max(3, int(one / lag[1]))
     for k in np.flatnonzero((off == minimum_filter1d(off, around)) & (lag < most))[1:]:
         period, least = _least(lag, off, lag[k])
