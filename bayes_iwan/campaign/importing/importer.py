@@ -276,7 +276,9 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     time_s, motion_values, force_values, how = paired(series[0], series[1], where)
     said += [*dict.fromkeys(lines), *found.notes]
     if any(missing):
-        said.append(f"{max(missing)} sample(s) without a number dropped: the gaps are bridged")
+        gaps = f"{max(missing)} sample(s) without a number dropped: "
+        said.append(f"{gaps}the gaps are bridged")
+        codes = codes or (f"{gaps}was the range passed?",)
     warnings += how
     rate = series[0].rate_hz if series[0].rate_hz == series[1].rate_hz else None
     if rate is not None and abs(float(np.median(np.diff(time_s))) * rate - 1) > 0.01:
@@ -364,6 +366,5 @@ def _named(record: Record) -> Record:
 
 
 def _file_name(recording: Recording) -> str:
-    name = Path(recording.file.removesuffix(".gz")).stem
-    part = re.sub(r"[/\\:*?\"<>|\0]+", "_", recording.part).strip()
-    return f"{name} {part}.csv" if part else f"{name}.csv"
+    name = f"{Path(recording.file.removesuffix('.gz')).stem} {recording.part}".strip()
+    return "".join("_" if c in '/\\:*?"<>|' or not c.isprintable() else c for c in name) + ".csv"

@@ -63,7 +63,7 @@ class Drive:
 
 
 def assess_drive(time_s: Array, displacement: Array) -> Drive | None:
-    """The drive of a record, from its time (n,) in s and displacement (n,) in mm; None where too few cycles are seen."""
+    """The drive of a record: time (n,) in s, displacement (n,) in mm; None where too few cycles are seen."""
     given = time_s, displacement
     low, high = np.percentile(displacement, [0.5, 99.5])
     half = (high - low) / 2
