@@ -1,6 +1,7 @@
 """Commands that fit a model or use a fitted one: identify, report, compare, diagnose, batch, export."""
 
 import argparse
+import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -37,6 +38,11 @@ def _bases(**_: object) -> Iterable[str]:
     from bayes_iwan.diagnosis.diagnosis import BASES
 
     return BASES
+
+
+def _columns(parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
+    with (Path(parsed_args.folder) / "specimens.csv").open(encoding="utf-8-sig", newline="") as file:
+        return {*next(csv.reader(file))} - {"specimen"}
 
 
 def going_on(args: argparse.Namespace, words: Sequence[str]) -> str:
@@ -203,7 +209,7 @@ def run_diagnose(args: argparse.Namespace) -> None:
     argument("--quick", action="store_true", help="identify and diagnose by their quick ways, in seconds"),
     CONFIG,
     argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
-    argument("--group", metavar="COLUMN", help="column of FOLDER/specimens.csv that names each specimen's lot"),
+    argument("--group", metavar="COLUMN", help="column of FOLDER/specimens.csv with each specimen's lot", offers=_columns),
     *workers(),
     examples=(
         "bayes-iwan batch specimens --out population --quick",
