@@ -209,7 +209,9 @@ def run_diagnose(args: argparse.Namespace) -> None:
     argument("--quick", action="store_true", help="identify and diagnose by their quick ways, in seconds"),
     CONFIG,
     argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
-    argument("--group", metavar="COLUMN", help="column of FOLDER/specimens.csv with each specimen's lot", offers=_columns),
+    argument(
+        "--group", metavar="COLUMN", help="column of FOLDER/specimens.csv with each specimen's lot", offers=_columns
+    ),
     *workers(),
     examples=(
         "bayes-iwan batch specimens --out population --quick",

@@ -31,7 +31,6 @@ _FACTOR = re.compile(
     r"\W*[=:,;\t] *[\d.]+(e[+-]?\d+)? *([^\W\d]\S*)?$",
     re.IGNORECASE,
 )
-_FEWER_ROWS = re.compile(r"(?<![^\W_])(decimat\w*|(down|sub)[ _-]?sampl\w*|dezimi\w*|décimation)", re.IGNORECASE)
 #: within a channel's name: 1000*Force, Force/10, Force x 1e3
 _POWER = r"(10+|1e\d|10\^\d)"
 _IN_NAME = re.compile(rf"(?<!\w){_POWER} ?[*×x](?!\w*\d)|([*×/]|[(\s][x×]) ?{_POWER}\)?$", re.IGNORECASE)
@@ -45,7 +44,6 @@ def not_applied(stated: Iterable[str]) -> tuple[str, ...]:
     for text in stated:
         for pattern, neutral, fix in (
             (_START, (0.0,), "a channel that starts late needs its own time column"),
-            (_FEWER_ROWS, (0.0, 1.0), "if a stated rate is that before it, say the rows' own with --sample-rate"),
             (_FACTOR, (0.0, 1.0), "if the numbers do not hold it yet, say so with --gain or --unit"),
         ):
             if pattern.search(text) and any(float(x) not in neutral for x in _NUMBERS.findall(text)):

@@ -293,8 +293,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         if not recipe.clock:
             what = f"{found.motion.name!r} is an acceleration, which needs times"
             raise CampaignError(f"{where}: {what}: --sample-rate HZ")
-        motion_values, more_warnings = displacement_from_acceleration(file, time_s, acceleration)
-        warnings += more_warnings
+        motion_values = displacement_from_acceleration(file, time_s, acceleration)
     level, drift = motion_values, ()
     if found.role == "displacement":
         level, _, drift = without_drift(time_s, motion_values)

@@ -114,7 +114,11 @@ def _quantity(text: str, role: str) -> Any:
         except Exception:  # pint's parser raises errors of many kinds, Python's own syntax errors among them
             continue
         parts = [
-            {p + u for p, u, _ in registry.parse_unit_name(name) if p in _PREFIXES and u in _UNITS and not (p and u in _WHOLE)}
+            {
+                p + u
+                for p, u, _ in registry.parse_unit_name(name)
+                if p in _PREFIXES and u in _UNITS and not (p and u in _WHOLE)
+            }
             for name, _ in found.unit_items()
         ]
         if all(parts):

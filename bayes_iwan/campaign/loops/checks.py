@@ -164,25 +164,20 @@ def check_record(record: Record) -> tuple[Record, Loop]:
             f"({height:.3g} N): a "
             "static load, or an offset of the channel? It is identified as a constant; subtract it if it is no load"
         )
-    if loop.cut.gap_cycles:
-        notes.append(
-            f"{loop.cut.gap_cycles} cycle(s) omitted: long gaps or pauses. The others are averaged; fewer widen "
-            "intervals"
+    notes += [
+        said.format(n)
+        for n, said in (
+            (loop.cut.gap_cycles, "{} cycle(s) omitted: long gaps or pauses. Fewer widen intervals"),
+            (loop.cut.run_in, "{} run-in cycle(s) omitted at the start, which would pass for other slip forces"),
+            (
+                loop.cut.late,
+                "until its first turn the force still shows what was before: these {:.2g} cycle(s) are "
+                "omitted. Record more cycles",
+            ),
+            (loop.cut.run_out, "{} unsteady cycle(s) omitted at the end, where the drive stops"),
         )
-    if loop.cut.run_in:
-        notes.append(
-            f"{loop.cut.run_in} run-in cycle(s) omitted at the start, which would pass for other slip forces; nothing "
-            "is to be done"
-        )
-    if loop.cut.late:
-        notes.append(
-            "until its first turn the force still shows what was before (standstill, or another level): these "
-            f"{loop.cut.late:.2g} cycle(s) are omitted. Record more cycles"
-        )
-    if loop.cut.run_out:
-        notes.append(
-            f"{loop.cut.run_out} unsteady cycle(s) omitted at the end, where the drive stops; nothing is to be done"
-        )
+        if n
+    ]
     notes += _unused(record, loop)
     for name, values, mean in (
         ("displacement", record.displacement_mm[index] - loop.offset_mm, loop.displacement_mm),

@@ -175,8 +175,8 @@ def _cornered(top: Top) -> bool:
 def _as_an_amplifier(
     one: Limit, all_of_them: Sequence[Limit], records: Sequence[Record], loops: Sequence[Loop]
 ) -> bool:
-    """Is this level the same in every test that reaches it, and does no record go on beyond it? Where it is exact, or lasts after the motion has turned, only this record is asked; where noise stops at it,
-    nothing else is."""
+    """Is this level the same in every test that reaches it, and does no record go on beyond it? Where it
+    is exact, or lasts after the motion has turned, only this record is asked; where noise stops at it, none is."""
     if one.quiet:
         return True
     same = [x for x in all_of_them if x.channel == one.channel and x.side == one.side]

@@ -1,9 +1,8 @@
 """Motions with corners: triangles, trapezoids, holds.
 
-Harmonics never run out for a motion with corners: any finite number of them rounds a triangle's peak (50 of them by
-0.8 % of the amplitude) and lets its velocity ring. Here the motion is a few harmonics and a few kinks, each a parabola
-around the cycle whose slope jumps at one place: exact for motions made of straight and smooth pieces. Corners that a
-filter or the mechanics rounded are no kinks; there the harmonics do run out, and `averaging` keeps to them.
+Any finite number of harmonics rounds a corner and lets the velocity ring. Here the motion is a few harmonics and a few
+kinks, each a parabola around the cycle whose slope jumps at one place. Corners that a filter or the mechanics rounded
+are no kinks; there the harmonics run out, and `averaging` keeps to them.
 """
 
 from dataclasses import dataclass

@@ -1,13 +1,8 @@
 """The drive, assessed first: is this one record one test?
 
-A loop is the average of cycles that are alike. A record may hold something else: a staircase of amplitudes, steps of
-frequency, a sweep, an amplitude that runs away. Averaged all the same, each of these seems to be a specimen that
-warms, settles or has an unknown fault. So frequency and amplitude are taken cycle by cycle, before any averaging, and
-described by whichever is closer: levels that are held, or a smooth change. Levels can be split into tests
-(`split`); a smooth change of more than SMOOTH cannot be one test, and is refused.
-
-Wave form is not assessed: triangles, trapezoids and distorted sines are periodic motion, kept with all the harmonics
-that they have.
+Frequency and amplitude are taken cycle by cycle, before any averaging, and described by whichever is closer: levels
+that are held, or a smooth change. Levels can be split into tests (`split`); a smooth change of more than SMOOTH cannot
+be one test, and is refused. The wave form is not assessed.
 """
 
 from dataclasses import dataclass, replace
@@ -29,7 +24,6 @@ MAIN = 0.55  # share of the cycles at one level from which the others are run-in
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
 PAUSE = 0.8, 0.1  # of a usual cycle in which nothing crosses the middle, or all stands still: a pause
 STILL = 0.25  # of what is not seen as a cycle: noise is half of it, and the way through the middle three times
-SIZE_ALONE = np.array([1.0, 0.0])  # half cycles are compared by size alone: the last of a level may be cut short
 
 
 @dataclass(frozen=True)
@@ -90,7 +84,7 @@ def assess_drive(time_s: Array, displacement: Array) -> Drive | None:
     ends = 0  # of a level, that may last into a pause
     if kind != "steady":  # levels that each start anew, wherever in its cycle the one before ended
         marks, halves = _half_cycles(*given, middle, hysteresis * (high - low) / 2)
-        sizes = halves * SIZE_ALONE
+        sizes = halves * [1.0, 0.0]  # by size alone: the last half cycle of a level may be cut short
         apart = _merged(sizes, _segments(sizes / LEVEL, 0, len(halves)), HELD)
         enough = len(apart) > (len(groups) if kind == "levels" else 1) and sum(b - a for a, b in apart) >= SHORT[
             1
@@ -261,12 +255,10 @@ def staircase_said(drive: Drive, clock: bool = True) -> str:
 
 
 def split(record: Record) -> tuple[Record, ...]:
-    """One record for each level of a staircase of amplitudes or frequencies; the record itself where it is steady.
+    """One record for each level of a staircase of amplitudes or frequencies, named _1, _2 ..., with the level's cycles,
+    its own time from 0, and the frequency and amplitude that were found; the record itself where it is steady.
 
-    Each piece holds the whole cycles of its level (transitions are dropped), its own time from 0, and the frequency
-    and amplitude that were found; role and other numbers are the record's. Names are the record's with _1, _2 ...
-
-    Raises CampaignError where the drive drifts, sweeps or wanders instead: then there are no levels to split at.
+    Raises CampaignError where the drive drifts, sweeps or wanders instead.
     """
     return split_levels(record)[0]
 
