@@ -72,7 +72,7 @@ def going_on(args: argparse.Namespace, words: Sequence[str]) -> str:
         help="optimum and first draws, not asked whether they have converged",
     ),
     SIMULATOR,
-    *workers(f"{CHAINS_IN} where there are as many cores; 1 with --per-test"),
+    workers(f"{CHAINS_IN} where there are as many cores; 1 with --per-test"),
     examples=(
         "bayes-iwan identify campaign --quick",
         "bayes-iwan identify campaign --out results --seed 1",
@@ -149,7 +149,7 @@ def run_report(args: argparse.Namespace) -> None:
         help="rank by single data held out (ArviZ LOO), by whole tests held out, or by the first where its Pareto k "
         "hold (auto)",
     ),
-    *workers(),
+    workers(),
     examples=("bayes-iwan compare campaign --out families",),
 )
 def run_compare(args: argparse.Namespace) -> None:
@@ -177,7 +177,7 @@ def run_compare(args: argparse.Namespace) -> None:
     argument("--effects", metavar="FILE", default=(), help="Python file with effects of your own; its code is run"),
     SIMULATOR,
     STOP_AT_REFITS,
-    *workers(f"as many as there are cores, {WORKERS_MOST} at most"),
+    workers(f"as many as there are cores, {WORKERS_MOST} at most"),
     examples=(
         "bayes-iwan diagnose campaign --out gap",
         "bayes-iwan diagnose campaign --quick",
@@ -212,7 +212,7 @@ def run_diagnose(args: argparse.Namespace) -> None:
     argument(
         "--group", metavar="COLUMN", help="column of FOLDER/specimens.csv with each specimen's lot", offers=_columns
     ),
-    *workers(),
+    workers(),
     examples=(
         "bayes-iwan batch specimens --out population --quick",
         "bayes-iwan batch specimens --out population --diagnose --workers 4",

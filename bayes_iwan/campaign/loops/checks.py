@@ -269,14 +269,13 @@ def _near(record: Record, key: str, found: float, stated: float, unit: str, hint
     if abs(found / stated - 1) <= NOMINAL_TOLERANCE:
         return
     power = round(math.log10(found / stated))
-    for inches, how in (
-        (stated / found / 25.4, "small: inches named mm"),
-        (found / stated / 25.4, "large: mm named in"),
+    for size, wrong in (
+        (1 / 25.4, "25.4 × too small: inches named mm?"),
+        (25.4, "25.4 × too large: mm named in?"),
+        (10.0**power, f"a factor of 1e{power:+d}: a wrong unit?"),
     ):
-        if not hint and unit == "mm" and abs(inches - 1) <= NOMINAL_TOLERANCE:
-            hint = f" (25.4 × too {how}?)"
-    if not hint and power and abs(found / stated / 10.0**power - 1) <= NOMINAL_TOLERANCE:
-        hint = f" (a factor of 1e{power:+d}: a wrong unit?)"
+        if not hint and (unit == "mm" or size == 10.0**power) and abs(found / stated / size - 1) <= NOMINAL_TOLERANCE:
+            hint = f" ({wrong})"
     raise CampaignError(
         f"{record.file}: the record shows {found:.4g} {unit}, campaign.toml states {key} = {stated:.4g}{hint}; fix "
         "campaign.toml, the column's unit, or take the right file"

@@ -275,14 +275,11 @@ def _late(phase: Array, displacement: Array, force: Array) -> float:
 
 
 def _too_few(file: str, whole: int, run_in: int, run_out: int, holes: int) -> CampaignError:
-    lost = [
-        f"{n} {what}"
-        for n, what in ((run_in, "run-in at the start"), (run_out, "unsteady at the end"), (holes, "lost to gaps"))
-        if n
-    ]
+    lost = (run_in, "run-in at the start"), (run_out, "unsteady at the end"), (holes, "lost to gaps")
+    said = ", ".join(f"{n} {what}" for n, what in lost if n)
     return CampaignError(
-        f"{file}: {whole} whole steady cycle(s)" + (f" ({', '.join(lost)})" if lost else "") + "; at least two "
-        "are needed. Record for longer, or leave the test out"
+        f"{file}: {whole} whole steady cycle(s){f' ({said})' if said else ''}; at least two are needed. Record for "
+        "longer, or leave the test out"
     )
 
 
