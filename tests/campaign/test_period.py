@@ -14,6 +14,7 @@ from bayes_iwan.campaign.loops.averaging import average
 from bayes_iwan.campaign.loops.checks import check_record
 from bayes_iwan.campaign.timing.displacement_drift import straight_drift, without_drift
 from bayes_iwan.campaign.timing.drive import split_levels
+from bayes_iwan.campaign.timing.period import short_period
 
 TAU = 2 * np.pi
 RATE, BASE = 500.0, 2.0
@@ -307,3 +308,8 @@ def test_a_multisine_of_high_harmonics_is_right_or_refused(harmonics, fine):
         return
     with pytest.raises(CampaignError, match=r"% of the displacement is lost in averaging.* below 50 times its base"):
         check_record(r)
+
+
+def test_a_cycle_as_long_as_its_record_has_no_period_and_no_traceback():
+    time = np.arange(64) / 64
+    assert short_period(time, np.sin(TAU * time), np.array([0.0, 0.97]), np.empty(0)) is None

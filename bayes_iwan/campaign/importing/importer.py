@@ -294,9 +294,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             what = f"{found.motion.name!r} is an acceleration, which needs times"
             raise CampaignError(f"{where}: {what}: --sample-rate HZ")
         motion_values = displacement_from_acceleration(file, time_s, acceleration)
-    level, drift = motion_values, ()
-    if found.role == "displacement":
-        level, _, drift = without_drift(time_s, motion_values)
+    steady = motion_values, 0.0, ()
+    level, _, drift = without_drift(time_s, motion_values) if found.role == "displacement" else steady
     drive = None if split else assess_drive(time_s, level)
     staircase = drive is not None and drive.kind == "levels"
     if drift and (split or staircase):  # levels are found by crossings, which a drift moves; else `check` takes it off

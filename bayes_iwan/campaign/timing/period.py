@@ -78,7 +78,7 @@ def _unlike(time_s: Array, values: Array, one: float) -> tuple[Array, Array]:
 
 def _least(lags: Array, off: Array, near: float) -> tuple[float, float]:
     """The lag near another one after which a signal is most like itself, by a parabola, and how unlike it is then."""
-    a, b = np.searchsorted(lags, [(1 - SEARCH) * near, (1 + SEARCH) * near])
+    a, b = np.minimum(np.searchsorted(lags, [(1 - SEARCH) * near, (1 + SEARCH) * near]), lags.size - 2)
     k = min(max(a + int(np.argmin(off[a : b + 1])), 1), lags.size - 2)
     fall, curvature = (off[k - 1] - off[k + 1]) / 2, off[k - 1] - 2 * off[k] + off[k + 1]
     shift = float(np.clip(fall / curvature, -1.0, 1.0)) if curvature > 0 else 0.0
