@@ -271,14 +271,9 @@ def _channels(stated: dict[str, Any]) -> _Channels:
             f'{where}: clock = "none" goes with neither an acceleration nor sample_rate_hz, which need real times; '
             "delete one of them"
         )
-    return _Channels(
-        stated["force"],
-        stated.get("displacement"),
-        stated.get("acceleration"),
-        stated.get("time"),
-        None if rate is None else positive(rate, f"{where}: sample_rate_hz"),
-        clock,
-    )
+    rate = None if rate is None else positive(rate, f"{where}: sample_rate_hz")
+    displacement, acceleration, time = map(stated.get, ("displacement", "acceleration", "time"))
+    return _Channels(stated["force"], displacement, acceleration, time, rate, clock)
 
 
 def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Test:

@@ -104,9 +104,8 @@ def _by_cycles(
     """Size of each cycle between times (n + 1,), logarithms of that and of its frequency (n, 2), the levels among them
     and the kind of drive; "" where too few cycles are seen."""
     per_cycle = np.diff(np.searchsorted(time_s, times))
-    none: tuple[Array, Array, list[tuple[int, int]], str] = np.empty(0), np.empty((0, 2)), [], ""
     if times.size <= HELD or per_cycle.min() < 4:
-        return none
+        return np.empty(0), np.empty((0, 2)), [], ""
     phase = phase_between(time_s, times, np.arange(float(times.size)))
     # a multisine may have no fundamental: its size is that of all its harmonics
     harmonics = max(1, min(24, int(0.4 * per_cycle.min()))) if multisine else 1
@@ -114,7 +113,7 @@ def _by_cycles(
     size = np.sqrt(2) * np.linalg.norm(rows[:, 1:], axis=1)
     size = size * half / max(float(np.percentile(size, 95)), 1e-300)
     if not size.min() > 0:
-        return none
+        return np.empty(0), np.empty((0, 2)), [], ""
     y = np.stack([np.log(size), -np.log(np.diff(times))], axis=1)
     segments = _segments(y / LEVEL, 0, len(y))
     groups = _merged(y, segments, HELD)
