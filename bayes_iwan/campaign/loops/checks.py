@@ -229,12 +229,12 @@ def _corners(loop: Loop) -> list[str]:
     Raises CampaignError for corners that neither the samples nor the loop's harmonics follow.
     """
     if loop.corners:
-        fine, kept = average(loop.record, MOST_POINTS, n_blocks=1), loop.averager.index
-        first = np.searchsorted(np.floor(loop.averager.phase), loop.cut.cycles)
-        u, force = loop.record.displacement_mm[kept], loop.record.force_N[kept]
+        fine, whole = average(loop.record, MOST_POINTS, n_blocks=1), loop.averager.phase >= np.ceil(loop.cut.late)
+        u, force = (x[loop.averager.index[whole]] for x in (loop.record.displacement_mm, loop.record.force_N))
+        cycles, first = np.unique(np.floor(loop.averager.phase[whole]), return_index=True)
         unit = loop.record.units.displacement
         stroke = float(np.median(np.maximum.reduceat(u, first) - np.minimum.reduceat(u, first)))
-        energy, own = _area(fine.displacement_mm, fine.force_N), _area(u, force) / loop.n_cycles
+        energy, own = _area(fine.displacement_mm, fine.force_N), _area(u, force) / cycles.size
         # noise makes a stroke longer, never shorter
         if (
             abs(energy - own) > CORNER_ERROR * 2 * stroke * friction_N(fine)
