@@ -1,5 +1,6 @@
 """The command line: what it prints, its exit codes, and bad input in one line."""
 
+import argparse
 import contextlib
 import os
 import shlex
@@ -57,13 +58,17 @@ def test_what_was_probably_meant_is_said(capsys):
     assert 'Did you mean "loo"?' in capsys.readouterr().err
 
 
-def test_the_tab_key_offers_the_names_that_an_option_takes():
+def test_the_tab_key_offers_the_names_that_an_option_takes(tmp_path):
     from bayes_iwan.comparison.families import FAMILIES
     from bayes_iwan.diagnosis.diagnosis import BASES
 
+    rows = "".join(f"{k / 100},{k % 9},{k % 7}\n" for k in range(50))
+    (tmp_path / "run1.csv").write_text(f"Time [s],Weg [mm],Kraft [N]\n{rows}")
+    (tmp_path / "specimens.csv").write_text("specimen,lot,oven\n")
+    typed = argparse.Namespace(files=[str(tmp_path / "run1.csv")], folder=str(tmp_path))
     (commands,) = (a.choices for a in cli.parser()._actions if a.choices)
     offered = {
-        (name, flag): list(action.completer(prefix="", parsed_args=None))
+        (name, flag): list(action.completer(prefix="", parsed_args=typed))
         for name, one in commands.items()
         for action in one._actions
         for flag in action.option_strings
@@ -72,6 +77,8 @@ def test_the_tab_key_offers_the_names_that_an_option_takes():
     assert offered["compare", "--families"] == list(FAMILIES) and offered["diagnose", "--base"] == list(BASES)
     assert offered["import", "--unit"] == offered["import", "--gain"] == [f"{x}=" for x in cli.campaigns.ROLES]
     assert "fmu" in offered["export", "--to"] and "cp1252" in offered["import", "--encoding"]
+    assert {*offered["import", "--force"]} == {*offered["import", "--time"]} == {"Time", "Weg", "Kraft"}
+    assert offered["import", "--held-out"] == ["run1"] and {*offered["batch", "--group"]} == {"lot", "oven"}
     assert offered["import", "--reverse"] == ["displacement", "acceleration", "force"]
 
 

@@ -22,6 +22,19 @@ def _roles(**_: object) -> Iterable[str]:
     return (f"{x}=" for x in ROLES)
 
 
+def _channels(parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
+    from bayes_iwan.campaign.importing import Layout
+    from bayes_iwan.campaign.importing.read import read_files
+
+    return {c.name for x in read_files(parsed_args.files, Layout())[0] for c in x.channels}
+
+
+def _tests(parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
+    from bayes_iwan.campaign.importing.read import recordings_in
+
+    return {path.stem for name in parsed_args.files for path in recordings_in(name)}
+
+
 @command(
     "import",
     "files of a data-acquisition system (text, LabVIEW, TDMS, UFF, MATLAB, Excel, WAV, Parquet) into a campaign",
@@ -31,16 +44,17 @@ def _roles(**_: object) -> Iterable[str]:
     argument("--dry-run", action="store_true", help="print what was understood and write nothing"),
     argument("--split", action="store_true", help="one test a level, where a record goes through levels of the drive"),
     argument("--join", action="store_true", help="all files are channels of one test"),
-    several("--held-out", "TEST", "keep a test out of fits (name or pattern)"),
+    several("--held-out", "TEST", "keep a test out of fits (name or pattern)", _tests),
     argument("--recipe", metavar="TOML", help="file with what the options below say; they go before it"),
     argument(
         "--time",
         metavar="NAME",
         help='channel, by its name or its number from 1; found by unit and name if not said; "none": by the rate alone',
+        offers=_channels,
     ),
-    argument("--displacement", metavar="NAME", help="the same (a length or an angle)"),
-    argument("--acceleration", metavar="NAME", help="the same, in place of the displacement"),
-    argument("--force", metavar="NAME", help="the same (a force, torque or pressure)"),
+    argument("--displacement", metavar="NAME", help="the same (a length or an angle)", offers=_channels),
+    argument("--acceleration", metavar="NAME", help="the same, in place of the displacement", offers=_channels),
+    argument("--force", metavar="NAME", help="the same (a force, torque or pressure)", offers=_channels),
     several(
         "--unit",
         "ROLE=UNIT",

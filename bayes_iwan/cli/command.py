@@ -86,10 +86,6 @@ def number_or_address(text: str) -> int | str:
     raise argparse.ArgumentTypeError(f"{text} is neither a number of processes nor an address (tcp://host:port)")
 
 
-def former_dask(text: str) -> None:
-    raise argparse.ArgumentTypeError(f"is called --workers now; write --workers {text}")
-
-
 def several(flag: str, metavar: str, help: str, offers: Offers | None = None) -> Argument:
     """An option that may be given several times."""
     return argument(flag, offers=offers, metavar=metavar, action="append", default=[], help=help)
@@ -106,17 +102,14 @@ OVERWRITE = argument(
 )
 
 
-def workers(default: str = "1") -> tuple[Argument, Argument]:
-    """Where pieces of work run, and the option of before; default : in words."""
-    return (
-        argument(
-            "--workers",
-            metavar="N|ADDRESS",
-            type=number_or_address,
-            help=f"processes, one core each (default: {default}), or tcp://host:port of a Dask scheduler whose workers "
-            "see the same folders (needs distributed)",
-        ),
-        argument("--dask", type=former_dask, help=argparse.SUPPRESS),
+def workers(default: str = "1") -> Argument:
+    """Where pieces of work run; default : in words."""
+    return argument(
+        "--workers",
+        metavar="N|ADDRESS",
+        type=number_or_address,
+        help=f"processes, one core each (default: {default}), or tcp://host:port of a Dask scheduler whose workers "
+        "see the same folders (needs distributed)",
     )
 
 

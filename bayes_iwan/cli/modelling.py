@@ -1,6 +1,7 @@
 """Commands that fit a model or use a fitted one: identify, report, compare, diagnose, batch, export."""
 
 import argparse
+import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -39,6 +40,11 @@ def _bases(**_: object) -> Iterable[str]:
     return BASES
 
 
+def _columns(parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
+    with (Path(parsed_args.folder) / "specimens.csv").open(encoding="utf-8-sig", newline="") as file:
+        return {*next(csv.reader(file))} - {"specimen"}
+
+
 def going_on(args: argparse.Namespace, words: Sequence[str]) -> str:
     """What a user who stopped an identification can do: go on from what was drawn, where something was."""
     kept = args.out is not None and (Path(args.out) / "chains.ckpt").exists()
@@ -66,7 +72,7 @@ def going_on(args: argparse.Namespace, words: Sequence[str]) -> str:
         help="optimum and first draws, not asked whether they have converged",
     ),
     SIMULATOR,
-    *workers(f"{CHAINS_IN} where there are as many cores; 1 with --per-test"),
+    workers(f"{CHAINS_IN} where there are as many cores; 1 with --per-test"),
     examples=(
         "bayes-iwan identify campaign --quick",
         "bayes-iwan identify campaign --out results --seed 1",
@@ -143,7 +149,7 @@ def run_report(args: argparse.Namespace) -> None:
         help="rank by single data held out (ArviZ LOO), by whole tests held out, or by the first where its Pareto k "
         "hold (auto)",
     ),
-    *workers(),
+    workers(),
     examples=("bayes-iwan compare campaign --out families",),
 )
 def run_compare(args: argparse.Namespace) -> None:
@@ -171,7 +177,7 @@ def run_compare(args: argparse.Namespace) -> None:
     argument("--effects", metavar="FILE", default=(), help="Python file with effects of your own; its code is run"),
     SIMULATOR,
     STOP_AT_REFITS,
-    *workers(f"as many as there are cores, {WORKERS_MOST} at most"),
+    workers(f"as many as there are cores, {WORKERS_MOST} at most"),
     examples=(
         "bayes-iwan diagnose campaign --out gap",
         "bayes-iwan diagnose campaign --quick",
@@ -203,8 +209,10 @@ def run_diagnose(args: argparse.Namespace) -> None:
     argument("--quick", action="store_true", help="identify and diagnose by their quick ways, in seconds"),
     CONFIG,
     argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
-    argument("--group", metavar="COLUMN", help="column of FOLDER/specimens.csv that names each specimen's lot"),
-    *workers(),
+    argument(
+        "--group", metavar="COLUMN", help="column of FOLDER/specimens.csv with each specimen's lot", offers=_columns
+    ),
+    workers(),
     examples=(
         "bayes-iwan batch specimens --out population --quick",
         "bayes-iwan batch specimens --out population --diagnose --workers 4",

@@ -17,7 +17,7 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     argument("--laws", choices=("catalogue", "other", "all"), default="all", help="laws of the causes (default: all)"),
     several("--exclude-law", "NAME:LAW", "a law that is not drawn"),
     several("--exclude-outside", "NAME", "an unlisted cause not drawn"),
-    *workers(),
+    workers(),
     examples=("bayes-iwan withheld make 20 --out cases",),
 )
 def run_make(args: argparse.Namespace) -> None:
@@ -35,7 +35,7 @@ def run_make(args: argparse.Namespace) -> None:
     SEED,
     argument("--out", metavar="DIR", help="folder for the answers (default: DIR/answers)"),
     STOP_AT_REFITS,
-    *workers(),
+    workers(),
     examples=("bayes-iwan withheld answer cases --quick --workers 2",),
 )
 def run_answer(args: argparse.Namespace) -> None:

@@ -24,8 +24,7 @@ def motion(frequency, n_cycles=30.3, rate=1280.0):
 @pytest.mark.parametrize("frequency", [10.0, 15.0, 30.0])
 def test_exact_where_trapezoids_are_not(frequency):
     t, u, acceleration = motion(frequency)
-    found, warnings = displacement_from_acceleration("x", t, acceleration + 0.5)
-    assert warnings == ()
+    found = displacement_from_acceleration("x", t, acceleration + 0.5)
     inner = slice(t.size // 10, -t.size // 10)
     assert np.std((found - u)[inner]) < 2e-5 and np.abs(found - u).max() < 5e-3
     # what summing twice by trapezoids makes of the same record, with its offset and drift fitted away
@@ -46,7 +45,7 @@ def test_slow_change_of_amplitude_survives():
     grow = 1 + 0.05 * t / t[-1]
     u = grow * np.sin(omega * t)
     acceleration = (-grow * omega**2 * np.sin(omega * t) + 2 * 0.05 / t[-1] * omega * np.cos(omega * t)) * 1e-3
-    found, _ = displacement_from_acceleration("x", t, acceleration)
+    found = displacement_from_acceleration("x", t, acceleration)
     inner = slice(t.size // 10, -t.size // 10)
     assert np.std((found - u)[inner]) < 1e-3  # a constant amplitude would miss by 0.01
 
@@ -90,7 +89,7 @@ def test_the_stated_response_between_the_harmonics(ratio, gain):
     omega = 2 * np.pi * 10.0
     tone = 0.02 * np.cos(ratio * omega * t)
     acceleration = (-(omega**2) * np.sin(omega * t) - (ratio * omega) ** 2 * tone) * 1e-3
-    found, _ = displacement_from_acceleration("x", t, acceleration)
+    found = displacement_from_acceleration("x", t, acceleration)
     inner = slice(1500, -1500)
     left = (found - np.sin(omega * t))[inner]
     wave = np.exp(1j * ratio * omega * t[inner])

@@ -57,3 +57,15 @@ def test_two_cycles_a_level_are_a_test_a_level_without_a_word_of_gaps(tmp_path, 
     assert [t.record.amplitude_mm for t in tests] == list(sizes)
     assert [t.record.frequency_hz for t in tests] == pytest.approx([frequency(a) for a in sizes], rel=1e-3)
     assert not any("gap" in x or "irregular" in x for t in tests for x in t.record.warnings)
+
+
+def test_levels_of_two_cycles_that_begin_within_a_swing_are_right_or_said(tmp_path):
+    """A cycle that began at the level before made an amplitude 2 % too small."""
+    sizes, rows, start = (0.58, 0.7, 0.83, 1.0, 0.83, 0.7, 0.58, 0.49), 180, 0.25
+    u = np.concatenate([a * np.sin(2 * np.pi * (start + np.arange(2 * rows) / rows)) for a in sizes])
+    table = "".join(f"{k / 900:.5f},{x:.5f},{20 * np.tanh(3 * x) + 4 * x:.4f}\n" for k, x in enumerate(u))
+    (tmp_path / "a.csv").write_text("Time [s],Displacement [mm],Force [N]\n" + table)
+    tests = import_tests([tmp_path / "a.csv"], split=True)
+    off = [min(abs(t.loop.amplitude_mm / a - 1) for a in sizes) for t in tests]
+    assert len(tests) > 2 and max(off) > 0.01
+    assert all("the drive's amplitude" in " ".join(t.record.warnings) for t, x in zip(tests, off) if x > 0.01)

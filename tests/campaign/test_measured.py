@@ -98,3 +98,14 @@ def test_pneumatic_seal(measured):
     # the stated frequency of three tests counts samples as if their clock were even; the time column rules
     said = [p.file for p in loops if any("even" in w and "is used" in w for w in p.record.warnings)]
     assert said == ["p2bar.csv", "p4bar.csv", "p6bar.csv"]
+
+
+@pytest.mark.shared
+def test_cycloidal_actuator(measured):
+    """Play crossed quickly both ways was refused as a return that spoils energy, its coarse steps as a dead channel."""
+    four, forty = measured("cycloidal_actuator").loops()
+    assert (four.n_cycles, forty.n_cycles) == (4, 2)
+    u, force = four.record.displacement_mm[four.cut.index], four.record.force_N[four.cut.index]
+    own = 0.5 * float(np.sum((force[1:] + force[:-1]) * np.diff(u))) / 4
+    area = 0.5 * float(np.sum(four.force_N * (np.roll(four.displacement_mm, -1) - np.roll(four.displacement_mm, 1))))
+    assert area == pytest.approx(own, rel=0.02)

@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 import scipy.io
 
-from bayes_iwan.campaign import CampaignError
+from bayes_iwan.campaign import CampaignError, read_campaign
 from bayes_iwan.campaign.importing.defects import not_applied
-from bayes_iwan.campaign.importing.importer import import_tests
+from bayes_iwan.campaign.importing.importer import import_tests, write_tests
 from bayes_iwan.campaign.importing.questions import ImportAsks
 
 N, RATE_HZ, FREQUENCY_HZ, LATE_S = 1000, 250.0, 5.0, 0.008
@@ -251,3 +251,36 @@ def test_packed_numbers_of_netcdf_are_unpacked(tmp_path):
     (test,) = import_tests([tmp_path / "a.nc"])
     assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
     assert not any("not applied" in x for x in test.record.warnings)
+
+
+HEADS = ["t [s];x [mm];F [N]"]
+
+
+def test_a_rate_of_which_not_all_rows_were_kept_is_asked_for(tmp_path):
+    """10 Hz were read for 5 without a word."""
+    with pytest.raises(ImportAsks, match="nor a sample rate"):
+        import_tests([text(tmp_path / "a.txt", ["Sample rate 500 Hz (decimated by 2)", "x [mm];F [N]"], U, F)])
+
+
+def test_hours_have_no_prefix(tmp_path):
+    """HH was a hundred hours."""
+    with pytest.raises(ImportAsks, match=r"'t \(HH\)' goes up by .* states no unit that is known"):
+        import_tests([text(tmp_path / "a.txt", ["t (HH);x [mm];F [N]"], T / 3600, U, F)])
+
+
+def test_a_time_without_a_number_starts_no_run(tmp_path):
+    path = text(tmp_path / "a.txt", HEADS, [t if k != 50 else "NaN" for k, t in enumerate(T)], U, F)
+    (test,) = import_tests([path])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.01)
+
+
+def test_a_refusal_names_samples_without_a_number(tmp_path):
+    lost = [f"{x:.5f}" if x < 45 else "Err" for x in F]
+    with pytest.raises(CampaignError, match=r"lost to gaps.* \d+ sample\(s\) without a number dropped: was the range"):
+        import_tests([text(tmp_path / "a.txt", HEADS, T, U, lost)])
+
+
+def test_a_tab_in_a_file_name_makes_a_campaign_that_reads(tmp_path):
+    tests = import_tests([text(tmp_path / "run\t1.txt", HEADS, T, U, F)])
+    write_tests(tests, tmp_path / "campaign")
+    assert [x.file for x in read_campaign(tmp_path / "campaign").tests] == ["run_1.csv"]

@@ -27,6 +27,7 @@ from bayes_iwan.errors import nearest
 from bayes_iwan.threads import alongside
 
 FORMAT = 1
+SPECIMEN = ("name", "description", "source", "licence")
 CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz", "clock"}
 #: numbers that a user may expect to be applied to a record; none is, so they are not taken for a property of the test
 NOT_APPLIED = re.compile(r"(gain|scale|factor|offset|sign|sensitivity|delay|calibration)($|_)", re.IGNORECASE)
@@ -73,8 +74,8 @@ class Campaign:
     licence: str
     path: Path
     tests: tuple[Record, ...]
-    from_acceleration: bool = False  # the displacement was integrated from an accelerometer's channel
-    limits: RigLimits = field(default_factory=RigLimits)  # what the rig can do, as [rig] states it
+    from_acceleration: bool = False
+    limits: RigLimits = field(default_factory=RigLimits)
 
     def __repr__(self) -> str:
         said = f": {self.description}" if self.description else ""
@@ -178,7 +179,7 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
             f"campaign.toml: format is {shown(stated.get('format'))}; this version reads format = {FORMAT}"
         )
     specimen = _table(stated, "specimen")
-    only(specimen, {"name", "description", "source", "licence"}, "campaign.toml [specimen]")
+    only(specimen, set(SPECIMEN), "campaign.toml [specimen]")
     for key, value in specimen.items():
         if not isinstance(value, str):
             raise CampaignError(f"campaign.toml [specimen]: {key} must be text in quotes, not {shown(value)}")
@@ -210,10 +211,7 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
         raise CampaignError(units.text(str(error))) from None
     records = tuple(replace(record, warnings=units.everywhere(record.warnings)) for record in records)
     campaign = Campaign(
-        name=specimen["name"],
-        description=specimen.get("description", ""),
-        source=specimen.get("source", ""),
-        licence=specimen.get("licence", ""),
+        **{key: specimen.get(key, "") for key in SPECIMEN},
         path=folder,
         tests=records,
         from_acceleration=channels.acceleration is not None,
@@ -273,14 +271,9 @@ def _channels(stated: dict[str, Any]) -> _Channels:
             f'{where}: clock = "none" goes with neither an acceleration nor sample_rate_hz, which need real times; '
             "delete one of them"
         )
-    return _Channels(
-        stated["force"],
-        stated.get("displacement"),
-        stated.get("acceleration"),
-        stated.get("time"),
-        None if rate is None else positive(rate, f"{where}: sample_rate_hz"),
-        clock,
-    )
+    rate = None if rate is None else positive(rate, f"{where}: sample_rate_hz")
+    displacement, acceleration, time = map(stated.get, ("displacement", "acceleration", "time"))
+    return _Channels(stated["force"], displacement, acceleration, time, rate, clock)
 
 
 def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Test:
@@ -358,22 +351,10 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
         displacement = column(names, table, channels.displacement, DISPLACEMENTS, file)
     else:
         acceleration = column(names, table, channels.acceleration or "", ACCELERATIONS, file)
-        displacement, notes = displacement_from_acceleration(file, time, acceleration)
-        warnings += notes
+        displacement = displacement_from_acceleration(file, time, acceleration)
     warnings += step_warnings(time) if channels.clock else ()
-    return Record(
-        test.file,
-        test.frequency_hz,
-        test.amplitude_mm,
-        test.role,
-        test.extras,
-        time,
-        displacement,
-        force,
-        warnings,
-        units,
-        channels.clock,
-    )
+    stated = test.file, test.frequency_hz, test.amplitude_mm, test.role, test.extras
+    return Record(*stated, time, displacement, force, warnings, units, channels.clock)
 
 
 def cycles_as_time(file: str, displacement: Array) -> Array:

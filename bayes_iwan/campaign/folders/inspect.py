@@ -57,10 +57,10 @@ class Inspection:
     stiffness_N_mm : force over displacement, in phase, of the motion's strongest harmonic, a sine's fundamental.
     loss_factor : the same in quadrature, over it (tan of the loss angle). energy_by_cycle_mJ : (n_cycles,).
     slope_N_mm : the straight part that figures take off, a line through the loop.
-    noise_N, noise_mm : RMS of what is left of each channel between cycles. spectrum_hz, spectrum_N2_Hz : its power.
+    noise_N : RMS of what is left of the force between cycles. spectrum_hz, spectrum_N2_Hz : its power.
     lines : mains lines of the force. drive_harmonics : (H,) size of the displacement's harmonics over the strongest.
-    distortion : the total of the others. samples_per_cycle, reversal_samples : the latter within the first
-    tenth of the stroke after a turn, in one cycle, of the poorer turn.
+    distortion : the total of the others. reversal_samples : samples within the first tenth of the stroke after a turn,
+    in one cycle, of the poorer turn.
     """
 
     loop: Loop
@@ -71,13 +71,11 @@ class Inspection:
     energy_by_cycle_mJ: Array
     slope_N_mm: float
     noise_N: float
-    noise_mm: float
     spectrum_hz: Array
     spectrum_N2_Hz: Array
     lines: tuple[Line, ...]
     drive_harmonics: Array
     distortion: float
-    samples_per_cycle: float
     reversal_samples: float
 
     def __repr__(self) -> str:
@@ -112,7 +110,7 @@ def inspect_loop(loop: Loop) -> Inspection:
     dynamic = f[:, main] * np.conj(u[:, main]) / np.abs(u[:, main].mean()) ** 2
     stiffness = _over_cycles(dynamic.real)
     loss = _over_cycles(dynamic.imag / dynamic.real.mean())
-    left_u, left_f = loop.left_over(loop.record.displacement_mm), loop.left_over(loop.record.force_N)
+    left_f = loop.left_over(loop.record.force_N)
     step = float(np.median(np.diff(loop.record.time_s)))
     per_cycle = loop.averager.index.size / loop.n_cycles
     spectrum_hz, spectrum = signal.welch(left_f, 1 / step, nperseg=min(left_f.size, int(8 * per_cycle)))
@@ -125,13 +123,11 @@ def inspect_loop(loop: Loop) -> Inspection:
         energy_by_cycle_mJ=energy,
         slope_N_mm=float(np.polyfit(loop.displacement_mm, loop.force_N, 1)[0]),
         noise_N=float(np.std(left_f)),
-        noise_mm=float(np.std(left_u)),
         spectrum_hz=spectrum_hz[1:],
         spectrum_N2_Hz=spectrum[1:],
         lines=_mains(loop, left_f, 1 / step) if loop.record.clock else (),
         drive_harmonics=motion,
         distortion=float(np.linalg.norm(np.delete(motion, main))),
-        samples_per_cycle=per_cycle,
         reversal_samples=_in_reversal(loop) * per_cycle,
     )
 

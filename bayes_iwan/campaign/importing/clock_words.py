@@ -30,7 +30,7 @@ _STEP_UNIT = re.compile(
     r"\W*(?:x|h|t|time|zeit|horizontal|abscissa)[ _-]*(?:axis[ _-]*)?(?:units?|einheit)\W+([a-zµμ]+)", re.IGNORECASE
 )
 _THINNED = re.compile(
-    r"\b(?:decimat\w*|reduc\w*|down[ _-]?sampl\w*|averag(?:ing|es))\W*(?:(?:factor|ratio)\W*)?(?!1\b)\d|"
+    r"\b(?:decimat\w*|reduc\w*|down[ _-]?sampl\w*|averag(?:ing|es))\W*(?:(?:factor|ratio|by)\W*)*(?!1\b)\d|"
     r"\bevery \d+ ?(?:st|nd|rd|th|samples|points|scans|rows|values)\b",
     re.IGNORECASE,
 )

@@ -49,8 +49,8 @@ def counted_on(time: Array) -> tuple[Array, str]:
 
 def runs(time: Array) -> list[slice]:
     """Parts of a record whose clock (n,) starts anew: at each step back to near where the part before began."""
-    known = np.where(np.isfinite(time), time, np.nanmax(time) if np.isfinite(time).any() else 0.0)
-    cuts, start = [0], 0
+    there, cuts, start = np.flatnonzero(np.isfinite(time)), [0], 0
+    known = np.interp(np.arange(time.size), there, time[there]) if there.size else np.zeros(time.size)
     for k in np.flatnonzero(np.diff(known) < 0) + 1:
         span = known[k - 1] - known[start]
         if span > 0 and abs(known[k] - known[start]) <= 0.1 * span and k - start >= 16:

@@ -276,7 +276,9 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     time_s, motion_values, force_values, how = paired(series[0], series[1], where)
     said += [*dict.fromkeys(lines), *found.notes]
     if any(missing):
-        said.append(f"{max(missing)} sample(s) without a number dropped: the gaps are bridged")
+        gaps = f"{max(missing)} sample(s) without a number dropped: "
+        said.append(f"{gaps}the gaps are bridged")
+        codes = codes or (f"{gaps}was the range passed?",)
     warnings += how
     rate = series[0].rate_hz if series[0].rate_hz == series[1].rate_hz else None
     if rate is not None and abs(float(np.median(np.diff(time_s))) * rate - 1) > 0.01:
@@ -291,23 +293,15 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         if not recipe.clock:
             what = f"{found.motion.name!r} is an acceleration, which needs times"
             raise CampaignError(f"{where}: {what}: --sample-rate HZ")
-        motion_values, more_warnings = displacement_from_acceleration(file, time_s, acceleration)
-        warnings += more_warnings
-    level = motion_values
-    if found.role == "displacement":
-        level, _, drift = without_drift(time_s, motion_values)
-        if split and drift:  # levels are found by crossings, which a drift moves; else it is for who reads the campaign
-            motion_values, warnings = level, (*warnings, *drift)
-    record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units, recipe.clock)
+        motion_values = displacement_from_acceleration(file, time_s, acceleration)
+    steady = motion_values, 0.0, ()
+    level, _, drift = without_drift(time_s, motion_values) if found.role == "displacement" else steady
     drive = None if split else assess_drive(time_s, level)
-    if drive is not None and drive.kind == "levels":
-        _one_run(recording, found, recipe, split=True)  # refuses levels that are all too short
-        text = (
-            f"It is {staircase_said(drive, recipe.clock)}, which would look like one specimen that changes: make a "
-            "test of each."
-        )
-        raise ImportAsks(where, [Question("--split", "", "", text)])
-    pieces, dropped = split_levels(record) if split else ((record,), ())
+    staircase = drive is not None and drive.kind == "levels"
+    if drift and (split or staircase):  # levels are found by crossings, which a drift moves; else `check` takes it off
+        motion_values, warnings = level, (*warnings, *drift)
+    record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units, recipe.clock)
+    pieces, dropped = split_levels(record) if split or staircase else ((record,), ())
     out: list[ImportedTest] = []
     for piece in pieces:
         try:
@@ -318,7 +312,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         except CampaignError as error:
             if len(pieces) == 1:
                 raise CampaignError(" ".join((f"{error}.", *codes)).rstrip(".")) from None
-            dropped = (*dropped, f"dropped: {error}")
+            said_of = str(error).replace("Record for longer, or leave the test out", "Hold the level for longer")
+            dropped = (*dropped, f"dropped: {said_of}")
             continue
         if (count := crossings_a_period(loop.displacement_mm)) > 1:
             several = (
@@ -339,7 +334,12 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         )
         out.append(ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line)))
     if not out:
-        raise CampaignError(f"{where}: none of {len(pieces)} levels can be used. {dropped[-1]}")
+        raise CampaignError(
+            f"{where}: none of {len(pieces)} levels can be used. {dropped[-1].removeprefix('dropped: ')}"
+        )
+    if drive is not None and staircase:
+        text = f"It is {staircase_said(drive, recipe.clock)}, which would look like one specimen that changes: make a "
+        raise ImportAsks(where, [Question("--split", "", "", f"{text}test of each.")])
     return [*out[:-1], replace(out[-1], said=(*out[-1].said, *dropped))]
 
 
@@ -364,6 +364,5 @@ def _named(record: Record) -> Record:
 
 
 def _file_name(recording: Recording) -> str:
-    name = Path(recording.file.removesuffix(".gz")).stem
-    part = re.sub(r"[/\\:*?\"<>|\0]+", "_", recording.part).strip()
-    return f"{name} {part}.csv" if part else f"{name}.csv"
+    name = f"{Path(recording.file.removesuffix('.gz')).stem} {recording.part}".strip()
+    return "".join("_" if c in '/\\:*?"<>|' or not c.isprintable() else c for c in name) + ".csv"

@@ -28,6 +28,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from bayes_iwan.campaign.folders.folder import SPECIMEN
 from bayes_iwan.campaign.importing.formats.text_layout import Layout
 from bayes_iwan.campaign.importing.recordings import RATES_HZ
 from bayes_iwan.campaign.importing.unit_texts import ROLES
@@ -35,7 +36,6 @@ from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.stated import only, read_toml
 
 NO_CLOCK = "none"  # in the place of a sample rate
-SPECIMEN = ("name", "description", "source", "licence")
 
 
 @dataclass(frozen=True)

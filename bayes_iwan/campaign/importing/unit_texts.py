@@ -25,6 +25,7 @@ _UNITS = frozenset(
     "torr meter_Hg kip_per_square_inch standard_atmosphere standard_gravity galileo volt ampere kelvin hertz ohm "
     "coulomb joule watt gram count".split()
 )
+_WHOLE = {"minute", "hour", "day"}  # without a prefix: HH is no hundred hours
 _PREFIXES = {"", "pico", "nano", "micro", "milli", "centi", "deca", "hecto", "kilo", "mega", "giga"}
 _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "revolution")
 #: what pint does not know, as it stands or in lower case
@@ -113,7 +114,11 @@ def _quantity(text: str, role: str) -> Any:
         except Exception:  # pint's parser raises errors of many kinds, Python's own syntax errors among them
             continue
         parts = [
-            {p + u for p, u, _ in registry.parse_unit_name(name) if p in _PREFIXES and u in _UNITS}
+            {
+                p + u
+                for p, u, _ in registry.parse_unit_name(name)
+                if p in _PREFIXES and u in _UNITS and not (p and u in _WHOLE)
+            }
             for name, _ in found.unit_items()
         ]
         if all(parts):

@@ -1,8 +1,7 @@
 """One loop from many cycles: harmonic least squares on the phase of every sample.
 
 Every sample of the cycles kept enters with its own phase, so the number of samples a cycle need not be
-whole, and irregular steps and short gaps need no interpolation. The same linear map is open to any other
-signal through `Loop.fold`.
+whole, and irregular steps and short gaps need no interpolation.
 """
 
 from collections.abc import Iterable, Mapping
@@ -14,7 +13,7 @@ from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.loops.noise import MANY_CYCLES, SOME_CYCLES, harmonic_noise
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.corners import CORNERS_GAP, CORNERS_SAMPLES, LEAST_GAP, cornered_motion, has_corners
-from bayes_iwan.campaign.timing.cycles import Cut, cut_cycles
+from bayes_iwan.campaign.timing.cycles import MOST_HARMONICS, Cut, cut_cycles
 from bayes_iwan.campaign.timing.harmonics import evaluate, grams, inverse, on_grid, project, to_complex
 
 SAMPLES_PER_HARMONIC = 0.45  # harmonics resolved per sample of a cycle; 0.5 is Nyquist
@@ -38,7 +37,6 @@ class Averager:
     last, of all together; shift : phase that is subtracted; n_harmonics : length harmonics are padded to.
     """
 
-    n_samples: int
     index: np.ndarray
     phase: Array
     starts: np.ndarray
@@ -61,15 +59,6 @@ class Averager:
         out[..., : found.shape[-1]] = found
         return out * np.exp(2j * np.pi * np.arange(self.n_harmonics + 1) * self.shift)
 
-    def fold(self, signal: Array) -> np.ndarray:
-        """(n_blocks, H + 1) complex harmonics of a (n,) signal, zero where unresolved."""
-        signal = np.asarray(signal, dtype=float)
-        if signal.shape != (self.n_samples,):
-            raise CampaignError(
-                f"fold: the signal must be on the record's {self.n_samples} samples, not {signal.shape}"
-            )
-        return self.solve([signal])[0, :-1]
-
     def inflation(self) -> Array:
         """(n_blocks + 1, n_resolved + 1) variance under white noise, over that of even sampling without gaps."""
         h = self.n_resolved
@@ -78,7 +67,7 @@ class Averager:
         return np.concatenate([variance[:, :1], (variance[:, 1 : h + 1] + variance[:, h + 1 :]) / 4], axis=1)
 
 
-def _averager(cut: Cut, n_samples: int, n_harmonics: int, n_blocks: int) -> Averager:
+def _averager(cut: Cut, n_harmonics: int, n_blocks: int) -> Averager:
     index = cut.index
     phase = cut.phase[index]
     resolved = int(min(n_harmonics, SAMPLES_PER_HARMONIC * index.size / cut.cycles.size))
@@ -86,7 +75,7 @@ def _averager(cut: Cut, n_samples: int, n_harmonics: int, n_blocks: int) -> Aver
     starts = np.searchsorted(np.floor(phase), [g[0] for g in groups])
     matrices = grams(phase, starts, resolved)
     matrices = np.concatenate([matrices, matrices.sum(axis=0, keepdims=True)])
-    return Averager(n_samples, index, phase, np.append(starts, index.size), inverse(matrices), n_harmonics)
+    return Averager(index, phase, np.append(starts, index.size), inverse(matrices), n_harmonics)
 
 
 @dataclass(frozen=True)
@@ -176,17 +165,13 @@ class Loop:
         share = CORNERS_GAP * min(1.0, CORNERS_SAMPLES * self.n_cycles / used.size)
         return share if self.corners and share >= LEAST_GAP else 0.0
 
-    def fold(self, signal: Array) -> np.ndarray:
-        """(n_blocks, H + 1) complex: any (n,) signal on the record's samples, averaged as the force was."""
-        return self.averager.fold(signal)
-
     def left_over(self, signal: Array) -> Array:
         """(n_kept,): what averaging over the whole record leaves of a (n,) signal, on `averager.index`'s samples."""
         signal = np.asarray(signal, dtype=float)
         return _residual(self.averager, signal, self.averager.solve([signal])[0, -1])
 
 
-def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks: int = 6) -> Loop:
+def average(record: Record, n_phase: int = 128, n_harmonics: int = MOST_HARMONICS, n_blocks: int = 6) -> Loop:
     """Average the steady cycles of one record; see `Loop` for what comes out.
 
     Raises CampaignError where the record has fewer than two whole steady cycles.
@@ -199,7 +184,7 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
     cut = cut_cycles(record.file, record.time_s, u, force)
     n_cycles = cut.cycles.size
     n_blocks = max(1, min(n_blocks, n_cycles // 2))
-    averager = _averager(cut, u.size, n_harmonics, n_blocks)
+    averager = _averager(cut, n_harmonics, n_blocks)
     resolved, index = averager.n_resolved, averager.index
 
     u_blocks, f_blocks = averager.solve([u, force])
@@ -309,7 +294,9 @@ def _motion_weights(size: Array, noise: Array) -> tuple[Array, bool, bool]:
     weights = np.where(h <= last + 1, strong, False).astype(float)
     speed *= weights
     upper = (h > (last + 1) / 2) & (h <= last + 1)
-    runs_out = bool(last + 4 < noise.size and size[last] > RUN_OUT * hidden[last])
+    # at a corner the velocity's harmonics fall off as 1 / h, so what is below 1 / h^2 is of none
+    matter = np.flatnonzero(strong & (h**3 * size >= np.max(h * size * strong)))[-1]
+    runs_out = bool(matter + 4 < noise.size and size[matter] > RUN_OUT * hidden[matter])
     cornered = bool(weights.sum() >= FEWEST_TO_TAPER and speed[upper].sum() > CORNERS * speed.sum())
     if cornered and not runs_out:
         weights[upper] *= np.cos(np.pi / 2 * np.linspace(0, 1, upper.sum() + 2)[1:-1]) ** 2

@@ -153,10 +153,8 @@ def check_units(records: Sequence[Record], loops: Sequence[Loop]) -> None:
     """Refuse a test whose force is far from what the campaign's other tests allow.
 
     From four tests on, the RMS force is compared with a power law in amplitude (exponent 0, friction, to 2, a
-    stiffening spring) and frequency (exponent -1 to 1) through the others; a factor of 4 beyond their own
-    scatter stands out, so a gain of 10, kgf (9.8) or kN (1000) does. Fewer tests are compared two by two, with a
-    margin of 5 on top of the widest of those exponents. Other stated numbers (normal force, pressure) widen
-    either by their own ratio. A wrong unit shared by all tests, or by a campaign's only one, cannot be seen.
+    stiffening spring) and frequency (exponent -1 to 1) through the others; a factor of 4 beyond their own scatter
+    stands out. Fewer are compared two by two, with UNIT_MARGIN. Other stated numbers widen either by their own ratio.
     """
     n = len(records)
     if n < 2:

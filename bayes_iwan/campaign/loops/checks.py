@@ -12,11 +12,15 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop, average
-from bayes_iwan.campaign.loops.drift import level_record
+from bayes_iwan.campaign.loops.drift import friction_N, level_record
+from bayes_iwan.campaign.loops.resolution import MOST_POINTS
 from bayes_iwan.campaign.loops.steadiness import disturbances, when
 from bayes_iwan.campaign.recording.records import CampaignError, Record
+from bayes_iwan.campaign.timing.cycles import MOST_HARMONICS
 from bayes_iwan.campaign.timing.displacement_drift import COARSE, without_drift
 from bayes_iwan.campaign.timing.drive import assess_drive, refuse_unsteady
+from bayes_iwan.campaign.timing.harmonics import white_noise
+from bayes_iwan.campaign.timing.period import ALIKE
 
 NOMINAL_TOLERANCE = 0.10
 FEWEST_PER_CYCLE = 8.0
@@ -29,6 +33,7 @@ AT_TURN = 0.002  # of the stroke: nearer to its end the displacement turns, or i
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
 #: cycles that are not used from which it is said, and their motion over the others'
 UNUSED, MOVES, MUCH_LESS = 1.5, 0.03, 0.5
+CORNER_ERROR = 0.02  # of amplitude or energy: a loop that is off its samples by more is refused
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 ROUNDED = 1e-3  # of a step: times that are off an even clock by more are rounded, and so is the first
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
@@ -151,6 +156,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     notes += _angle(loop)
     notes += corners
     notes += disturbances(loop)
+    _refuse_smeared(loop)
     static, height = float(loop.harmonics_N[0].real), float(np.ptp(loop.force_N))
     if abs(static) > PRELOAD * height:
         notes.append(
@@ -158,25 +164,20 @@ def check_record(record: Record) -> tuple[Record, Loop]:
             f"({height:.3g} N): a "
             "static load, or an offset of the channel? It is identified as a constant; subtract it if it is no load"
         )
-    if loop.cut.gap_cycles:
-        notes.append(
-            f"{loop.cut.gap_cycles} cycle(s) omitted: long gaps or pauses. The others are averaged; fewer widen "
-            "intervals"
+    notes += [
+        said.format(n)
+        for n, said in (
+            (loop.cut.gap_cycles, "{} cycle(s) omitted: long gaps or pauses. Fewer widen intervals"),
+            (loop.cut.run_in, "{} run-in cycle(s) omitted at the start, which would pass for other slip forces"),
+            (
+                loop.cut.late,
+                "until its first turn the force still shows what was before: these {:.2g} cycle(s) are "
+                "omitted. Record more cycles",
+            ),
+            (loop.cut.run_out, "{} unsteady cycle(s) omitted at the end, where the drive stops"),
         )
-    if loop.cut.run_in:
-        notes.append(
-            f"{loop.cut.run_in} run-in cycle(s) omitted at the start, which would pass for other slip forces; nothing "
-            "is to be done"
-        )
-    if loop.cut.late:
-        notes.append(
-            "until its first turn the force still shows what was before (standstill, or another level): these "
-            f"{loop.cut.late:.2g} cycle(s) are omitted. Record more cycles"
-        )
-    if loop.cut.run_out:
-        notes.append(
-            f"{loop.cut.run_out} unsteady cycle(s) omitted at the end, where the drive stops; nothing is to be done"
-        )
+        if n
+    ]
     notes += _unused(record, loop)
     for name, values, mean in (
         ("displacement", record.displacement_mm[index] - loop.offset_mm, loop.displacement_mm),
@@ -189,6 +190,19 @@ def check_record(record: Record) -> tuple[Record, Loop]:
                 "are averaged in: delete their lines, the gaps will be bridged"
             )
     return replace(record, warnings=tuple(notes)), loop
+
+
+def _refuse_smeared(loop: Loop) -> None:
+    """Raise CampaignError where a loop lacks much of the displacement that its record has beyond noise."""
+    u = loop.record.displacement_mm[loop.cut.index] - loop.offset_mm
+    whole, kept = (float(np.mean(np.sort(x**2)[: int(0.95 * x.size)])) for x in (u, loop.displacement_mm))  # no spikes
+    lost = whole - kept - white_noise(u) ** 2
+    if lost > ALIKE**2 * whole:
+        raise CampaignError(
+            f"{loop.file}: {np.sqrt(lost / whole):.0%} of the displacement is lost in averaging: it does not repeat "
+            f"after {loop.cut.frequency_hz**-1:.4g} s, or moves faster than the {MOST_HARMONICS} harmonics of a loop. "
+            f"Steady the drive; take a multisine's highest frequency below {MOST_HARMONICS} times its base"
+        )
 
 
 def _unused(record: Record, loop: Loop) -> list[str]:
@@ -212,19 +226,24 @@ def _unused(record: Record, loop: Loop) -> list[str]:
 def _corners(loop: Loop) -> list[str]:
     """A drive with corners is kept whole, but what the channels make of the corners is not the specimen's doing.
 
-    Raises CampaignError for a flank that neither the samples nor the loop's harmonics follow.
+    Raises CampaignError for corners that neither the samples nor the loop's harmonics follow.
     """
     if loop.corners:
-        first = np.searchsorted(np.floor(loop.averager.phase), loop.cut.cycles)
-        steps = np.abs(np.diff(loop.record.displacement_mm[loop.averager.index], append=np.nan))
-        flank = float(np.ptp(loop.displacement_mm) / np.median(np.fmax.reduceat(steps, first)))
-        share = flank * loop.n_cycles / steps.size
-        samples, shortest = FEWEST_PER_CYCLE / 2, 1 / (loop.harmonics_N.size - 1)  # half a sine; the last harmonic
-        if flank < samples or share < shortest:
+        fine, whole = average(loop.record, MOST_POINTS, n_blocks=1), loop.averager.phase >= np.ceil(loop.cut.late)
+        u, force = (x[loop.averager.index[whole]] for x in (loop.record.displacement_mm, loop.record.force_N))
+        cycles, first = np.unique(np.floor(loop.averager.phase[whole]), return_index=True)
+        unit = loop.record.units.displacement
+        stroke = float(np.median(np.maximum.reduceat(u, first) - np.minimum.reduceat(u, first)))
+        energy, own = _area(fine.displacement_mm, fine.force_N), _area(u, force) / cycles.size
+        # noise makes a stroke longer, never shorter
+        if (
+            abs(energy - own) > CORNER_ERROR * 2 * stroke * friction_N(fine)
+            or 2 * fine.amplitude_mm > (1 + CORNER_ERROR) * stroke
+        ):
             raise CampaignError(
-                f"{loop.file}: the displacement returns in {flank:.2g} samples, {100 * share:.2g} % of a cycle, which "
-                f"gives a wrong amplitude and energy. Return more slowly, in {samples:g} samples and "
-                f"{100 * shortest:.2g} % of a cycle at least"
+                f"{loop.file}: the displacement jumps faster than samples and harmonics follow: an amplitude of "
+                f"{fine.amplitude_mm:.4g} where samples show {stroke / 2:.4g} {unit}, an "
+                f"energy of {energy:.4g} for {own:.4g} N {unit}. Move more slowly where it jumps"
             )
     if not loop.corners_gap:
         return []
@@ -233,6 +252,11 @@ def _corners(loop: Loop) -> list[str]:
         f"at once is more than filtered channels pass. A gap of up to {100 * loop.corners_gap:.2g} % of the friction "
         "force may be theirs, and `diagnose` lays that on nothing; run sines"
     ]
+
+
+def _area(u: Array, force: Array) -> float:
+    """Area within closed curves of displacement (n,) and force (n,)."""
+    return 0.5 * float(np.sum((force + np.roll(force, -1)) * (np.roll(u, -1) - u)))
 
 
 def _counted_frequency(time: Array, frequency_hz: float) -> float:
@@ -245,14 +269,13 @@ def _near(record: Record, key: str, found: float, stated: float, unit: str, hint
     if abs(found / stated - 1) <= NOMINAL_TOLERANCE:
         return
     power = round(math.log10(found / stated))
-    for inches, how in (
-        (stated / found / 25.4, "small: inches named mm"),
-        (found / stated / 25.4, "large: mm named in"),
+    for size, wrong in (
+        (1 / 25.4, "25.4 × too small: inches named mm?"),
+        (25.4, "25.4 × too large: mm named in?"),
+        (10.0**power, f"a factor of 1e{power:+d}: a wrong unit?"),
     ):
-        if not hint and unit == "mm" and abs(inches - 1) <= NOMINAL_TOLERANCE:
-            hint = f" (25.4 × too {how}?)"
-    if not hint and power and abs(found / stated / 10.0**power - 1) <= NOMINAL_TOLERANCE:
-        hint = f" (a factor of 1e{power:+d}: a wrong unit?)"
+        if not hint and (unit == "mm" or size == 10.0**power) and abs(found / stated / size - 1) <= NOMINAL_TOLERANCE:
+            hint = f" ({wrong})"
     raise CampaignError(
         f"{record.file}: the record shows {found:.4g} {unit}, campaign.toml states {key} = {stated:.4g}{hint}; fix "
         "campaign.toml, the column's unit, or take the right file"

@@ -13,8 +13,8 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.recording.records import Record
+from bayes_iwan.campaign.timing.harmonics import white_noise
 
-RAIL_SHARE = 0.004  # of the kept samples at one extreme value, in runs, before a channel seems limited
 COARSE = 0.01  # of the span: a smallest step so large that a flat top is a single value of the recorder
 FLAT = 0.01  # of the force's height: what counts as its top
 FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a sliding specimen's top takes at most
@@ -23,12 +23,8 @@ CORNER = 0.5  # slope just before the top over the secant stiffness: a friction 
 ONE_LEVEL = 0.02  # of the level: so much an amplifier's limits differ between tests
 TOP_PARTS = 64  # of a cycle, in which samples are averaged to see a flat top: harmonics would ripple at its corners
 PIECE = 16  # samples of neighbouring phase, on a cubic but for noise
-SMOOTH = 0.2  # of what is left of samples: noise of theirs changes by more from one to the next
-SMALLEST_STEP, LEAST_NOISE = 1e-6, 2e-5  # of the span: less is rounding, and less noise has no recording
-DISTINCT = 0.5  # of the samples: with so many levels a channel has no coarse steps
-FEWEST_PARTS = 16  # of a cycle, in which a flat top can be seen
+LEAST_NOISE = 2e-5  # of the span: less no recording has
 LEVEL = 0.002  # of the height: scatter of a flat top's parts; one that only curves slowly has more
-ONE_SIZE = 0.1  # of the level: so much its two limits differ, where the record's zero is not the amplifier's
 BEYOND = 0.02  # of the channel's height: what is recorded so far beyond a level was not limited there
 
 
@@ -94,13 +90,7 @@ def _suspected(record: Record, loop: Loop) -> list[Limit]:
             share = _resting(side * values, loop.n_cycles)
             if share:
                 level = float(side * np.max(side * values))
-                # values that seldom repeat have no steps to speak of
-                step = (
-                    float(steps[steps > SMALLEST_STEP * span].min())
-                    if steps.size < DISTINCT * np.count_nonzero(values != level)
-                    else 0.0
-                )
-                quiet = channel == "force" and _noise(loop, values, level) > max(step, LEAST_NOISE * span)
+                quiet = channel == "force" and _noise(loop, values, level) > max(steps.min(), LEAST_NOISE * span)
                 out.append(Limit(record.file, channel, side, level, True, quiet, share))
             elif channel == "force" and (top := _top(loop, values, side)) is not None and _cornered(top):
                 out.append(Limit(record.file, channel, side, top.level, False, False, top.stroke))
@@ -108,11 +98,8 @@ def _suspected(record: Record, loop: Loop) -> list[Limit]:
 
 
 def _noise(loop: Loop, values: Array, level: float) -> float:
-    """Standard deviation of a channel's noise from sample to sample, away from a level; 0 where there is none.
-
-    values (n,), sorted by phase, are taken off cubics through a few neighbours each. What is left is noise if it jumps
-    from one sample to the next; where it is smooth in time, cycles differ, as those of a simulation may too.
-    """
+    """Standard deviation of a channel's noise from sample to sample, away from a level: values (n,), sorted by phase,
+    less cubics through a few neighbours each; 0 where there are too few."""
     phase = loop.averager.phase % 1.0
     order = np.argsort(phase, kind="stable")
     left = np.full(values.size, np.nan)
@@ -124,8 +111,7 @@ def _noise(loop: Loop, values: Array, level: float) -> float:
     jumps = np.diff(left, 2)
     if np.count_nonzero(np.isfinite(jumps)) < PIECE:
         return 0.0
-    jump = float(np.nanmedian(np.abs(jumps))) / np.sqrt(6.0)
-    return 1.4826 * jump if jump > SMOOTH * float(np.nanmedian(np.abs(left))) else 0.0
+    return 1.4826 * float(np.nanmedian(np.abs(jumps))) / np.sqrt(6.0)
 
 
 def _resting(values: Array, n_cycles: int) -> float:
@@ -133,7 +119,7 @@ def _resting(values: Array, n_cycles: int) -> float:
     rounded peak also repeats its top level, but then the levels next to it fill as well."""
     at = values == values.max()
     runs = np.count_nonzero(at[1:] & at[:-1])
-    if at.mean() < RAIL_SHARE or runs < 2 * n_cycles:
+    if runs < 2 * n_cycles:
         return 0.0
     near = np.count_nonzero((values.max() - values < 0.02 * np.ptp(values)) & ~at)
     return float(at.mean()) if np.count_nonzero(at) > 3 * near else 0.0
@@ -143,8 +129,6 @@ def _top(loop: Loop, values: Array, side: int) -> Top | None:
     """The flat part of the force at one side, values (n,) its samples averaged by phase, since noise hides it in each;
     None where there is none to speak of."""
     parts = min(TOP_PARTS, values.size // 4)
-    if parts < FEWEST_PARTS:
-        return None
     order = np.argsort(loop.averager.phase % 1.0, kind="stable")
     starts = np.linspace(0, values.size, parts, endpoint=False).astype(int)
     count = np.diff(np.append(starts, values.size))
@@ -184,16 +168,15 @@ def _rail(record: Record, loop: Loop, limit: Limit) -> Top:
 
 
 def _cornered(top: Top) -> bool:
-    """Does the force rise steeply and then not at all, without letting go when the motion turns?"""
-    return top.stroke > FLAT_STROKE and top.slope > CORNER and (top.through or top.stroke < LONG_STROKE)
+    """Does the force rise steeply and then not at all?"""
+    return top.stroke > FLAT_STROKE and top.slope > CORNER
 
 
 def _as_an_amplifier(
     one: Limit, all_of_them: Sequence[Limit], records: Sequence[Record], loops: Sequence[Loop]
 ) -> bool:
-    """Is this level the same in every test that reaches it and at both signs, and does no record go on beyond
-    it? Where it is exact, or lasts after the motion has turned, only this record is asked; where noise stops at it,
-    nothing else is."""
+    """Is this level the same in every test that reaches it, and does no record go on beyond it? Where it
+    is exact, or lasts after the motion has turned, only this record is asked; where noise stops at it, none is."""
     if one.quiet:
         return True
     same = [x for x in all_of_them if x.channel == one.channel and x.side == one.side]
@@ -207,11 +190,9 @@ def _as_an_amplifier(
         if record.file != one.file and (one.exact or (top is not None and top.through)):
             continue  # no friction does that: the range was set for this test alone
         values = (record.force_N if one.channel == "force" else record.displacement_mm)[loop.cut.index]
-        step = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6)
-        if np.max(one.side * values) > one.side * one.level + max(BEYOND * float(np.ptp(values)), 5.0 * step):
+        if np.max(one.side * values) > one.side * one.level + max(
+            BEYOND * float(np.ptp(values)), 5.0 * white_noise(values)
+        ):
             return False
-    other = [x.level for x in all_of_them if x.channel == one.channel and x.file == one.file and x.side != one.side]
-    if other and not one.exact and abs(abs(other[0]) - abs(one.level)) > ONE_SIZE * abs(one.level):
-        return False
     alone = not one.exact and len(records) == 1  # one flat top under noise may be a specimen's
     return top is None or top.through or (top.stroke < LONG_STROKE and not alone)

@@ -105,7 +105,7 @@ def level_record(record: Record, loop: Loop, line_mm: float) -> tuple[Record, li
     stiffness = float(np.polyfit(loop.displacement_mm, loop.force_N, 1)[0])
     pushed, pushed_error = drift.force_N
     forced = abs(pushed) > max(SIGMAS * pushed_error, CHANGES * friction)
-    said = []
+    said, follows = [], False
     if drifts:
         time, slope = record.time_s, drift.slope_N_mm
         line = line_mm * (time - 0.5 * (time[0] + time[-1])) / (time[-1] - time[0])
@@ -114,31 +114,22 @@ def level_record(record: Record, loop: Loop, line_mm: float) -> tuple[Record, li
         if follows:
             # the mean displacement is no datum either: what the spring makes of it goes with it
             record = replace(record, force_N=record.force_N - slope * (drift.path_mm + loop.offset_mm))
-        what = (
-            f"the mean displacement drifts by {moved:+.3g} mm ({abs(moved) / loop.amplitude_mm:.0%} of the amplitude)"
+        said.append(
+            f"the mean displacement drifts by {moved:+.3g} mm ({abs(moved) / loop.amplitude_mm:.0%} of the amplitude), "
+            + (
+                f"and the mean force follows by {slope:.3g} N/mm as a spring does: the specimen moved. Both drifts are "
+                "taken off"
+                if follows
+                else "and the mean force does not follow it as a spring would: the displacement channel drifts, or the "
+                "specimen creeps without a spring; this record does not tell. The drift is taken off"
+            )
         )
-        if follows:
-            said.append(
-                f"{what}, and the mean force follows by {slope:.3g} N/mm as a spring does: the specimen moved. Both "
-                "drifts are taken off"
-            )
-        else:
-            said.append(
-                f"{what}, and the mean force does not follow it as a spring would: the displacement channel drifts, or "
-                "the specimen creeps without a spring; this record does not tell. The drift is taken off"
-            )
-            if forced:
-                said.append(_force_drifts(pushed, friction))
-    elif forced:
-        said.append(_force_drifts(pushed, friction))
+    if forced and not follows:
+        said.append(
+            f"the mean force drifts by {pushed:+.3g} N ({abs(pushed) / friction:.1%} of the friction force): the force "
+            "channel's zero, or a load that relaxes; this record does not tell. It stays in; `diagnose` searches for it"
+        )
     return record, said
-
-
-def _force_drifts(pushed: float, friction: float) -> str:
-    return (
-        f"the mean force drifts by {pushed:+.3g} N ({abs(pushed) / friction:.1%} of the friction force): the force "
-        "channel's zero, or a load that relaxes; this record does not tell. It stays in; `diagnose` searches for it"
-    )
 
 
 def level_means(records: Sequence[Record], loops: Sequence[Loop]) -> tuple[Record, ...]:

@@ -17,12 +17,10 @@ def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int, trends: int
     """(n_harmonics + 1,) standard error of the real (= imaginary) part of each harmonic.
 
     Noise between the harmonics stands for noise at them: `residual`, (n_kept,) in sample order over `n_cycles`
-    whole cycles, is Fourier transformed, the bin of every harmonic omitted, and a power law fitted to the
-    powers around each harmonic: half a harmonic to either side, or as far as 12 bins reach. Logarithms are
-    fitted, so a stray line does little harm. No colour of noise is assumed, only that its spectrum is smooth.
-    Slow changes of the loop live in the bins nearest a harmonic: these are omitted too when there are enough
-    others. The mean's error comes from the five slowest bins, whatever is in them. What :func:`_without_trends` took of
-    the noise in taking off `trends` of the loop's slow changes is given back.
+    whole cycles, is Fourier transformed, the bin of every harmonic omitted (where there are enough others, those
+    beside it too, in which slow changes of the loop live), and a power law fitted to the logarithms of the powers half
+    a harmonic to either side, or as far as 12 bins reach. The mean's error comes from the five slowest bins. What
+    :func:`_without_trends` took of the noise in taking off `trends` of the loop's slow changes is given back.
     """
     used = _transformed(residual.size)
     power = np.abs(np.fft.rfft(residual[:used]) * (2.0 / used)) ** 2 / 2  # estimates var(Re c) = var(Im c)

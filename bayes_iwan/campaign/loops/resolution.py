@@ -30,11 +30,7 @@ def reversals(displacement: Array) -> int:
 def points_for(displacements: Sequence[Array], velocities: Sequence[Array]) -> int:
     """Points that loops with these displacements and velocities (samples,) should have, MOST_POINTS at most: POINTS for
     two reversals a cycle, in doublings as many for each reversal, and until speeds follow their chords (OFF_CHORD).
-
-    With 128 points a motion of six reversals (a third harmonic of 60 %) gives forces off by 0.08 to 0.5 %, a triangle
-    with rounded corners by 0.06 to 0.5 %; with 512 by 0.003 to 0.05 % (analyses/loop_points.py, median and 95 %
-    quantile over prior draws).
-    """
+    What more points bring is measured in analyses/loop_points.py."""
     each = POINTS // 2
     most, points = max(reversals(u) for u in displacements), POINTS
     while points < min(each * most, MOST_POINTS):

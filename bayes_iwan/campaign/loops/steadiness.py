@@ -14,6 +14,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.recording.records import CampaignError
 from bayes_iwan.campaign.timing.cycles import cycle_shapes
+from bayes_iwan.campaign.timing.harmonics import white_noise
 
 SHAPE_HARMONICS = 6  # by which cycles are compared
 FEWEST = 6  # cycles below which scatter over cycles says nothing
@@ -88,7 +89,7 @@ def disturbances(loop: Loop) -> list[str]:
         stretches += _stretches(loop, name, values, float(np.ptp(mean_loop)))
     if loop.n_cycles < FEWEST:  # a channel that is dead for a while is seen among three, what is off by some is not
         notes = _jumped(loop, *_short_cycle(loop)) if loop.record.clock else []
-        return notes + _force_amplitude(loop, each)
+        return notes + _drive_amplitude(loop, each) + _force_amplitude(loop, each)
     notes = _phase(loop, each) if loop.record.clock else []
     notes += _drive_amplitude(loop, each)
     notes += _force_amplitude(loop, each)
@@ -177,9 +178,9 @@ def _change(each: Cycles, values: Array) -> str:
 
 
 def _drive_amplitude(loop: Loop, each: Cycles) -> list[str]:
-    noise = 1.4826 * float(np.median(np.abs(np.diff(each.amplitude_mm, 2)))) / np.sqrt(6)
-    spread = _spread(each.amplitude_mm)
-    alternates = noise > spread * float(np.median(each.amplitude_mm)) / 4
+    spread, size = _spread(each.amplitude_mm), float(np.median(each.amplitude_mm))
+    # of few cycles any change may be noise
+    alternates = each.number.size < FEWEST or white_noise(each.amplitude_mm) > spread * size / 4
     if spread <= AMPLITUDE or (alternates and spread <= 6 * _white(loop, loop.record.displacement_mm)):
         return []
     return [
@@ -190,9 +191,8 @@ def _drive_amplitude(loop: Loop, each: Cycles) -> list[str]:
 
 def _white(loop: Loop, values: Array) -> float:
     """Error of one cycle's amplitude, relative, that white noise of the record would make."""
-    noise = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6)
     per_cycle = loop.averager.index.size / loop.n_cycles
-    return float(noise * np.sqrt(2 / per_cycle) / max(np.std(values) * np.sqrt(2), 1e-300))
+    return float(white_noise(values) * np.sqrt(2 / per_cycle) / max(np.std(values) * np.sqrt(2), 1e-300))
 
 
 def when(loop: Loop, time_s: float) -> str:
@@ -281,9 +281,9 @@ def _stretches(loop: Loop, name: str, values: Array, height: float) -> list[str]
     time = loop.record.time_s
     kept = values[index]
     still = np.abs(np.diff(kept)) <= 1e-9 * height
+    rests = max(FLAT_SAMPLES - 1, _longest(still & ~bad[1:]) + 1)  # as coarse steps make them in every cycle
     for a, b in runs:
-        at_rest = still[max(a - FLAT_SAMPLES, 0) : b + FLAT_SAMPLES - 1]
-        if _longest(at_rest) + 1 >= FLAT_SAMPLES:
+        if _longest(still[max(a - FLAT_SAMPLES, 0) : b + FLAT_SAMPLES - 1]) >= rests:
             raise CampaignError(
                 f"{loop.file}: the {name} stands still where it moves in other cycles, near "
                 f"{when(loop, time[index[a]])} to {when(loop, time[index[b - 1]])} ({len(runs)} such stretch(es)): "

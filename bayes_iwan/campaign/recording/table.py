@@ -155,8 +155,14 @@ def _is_number(cell: str) -> bool:
 
 def working_unit(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:
     """The working unit of a column, which the end of its name tells (torque_N_m: N·m); None where it tells none."""
-    ends = {unit: working for working, units in quantities.items() for unit in units}
-    return next((ends[x] for x in sorted(ends, key=len, reverse=True) if name.endswith("_" + x)), None)
+    found = _ending(name, quantities)
+    return found and next(working for working, units in quantities.items() if found in units)
+
+
+def _ending(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:
+    """The longest unit that a column's name ends in."""
+    units = sorted((x for units in quantities.values() for x in units), key=len, reverse=True)
+    return next((x for x in units if name.endswith("_" + x)), None)
 
 
 def column(
@@ -167,14 +173,11 @@ def column(
         meant = nearest(name, names, ". Fix [channels] or the header")
         raise CampaignError(f"{file}: no column {shown(name)}; {header_has(names)}{meant}")
     sizes = {unit: size for units in quantities.values() for unit, size in units.items()}
-    for unit in sorted(sizes, key=len, reverse=True):
-        if name.endswith("_" + unit):
-            column = table[:, names.index(name)] * sizes[unit]
-            if np.abs(column).max() > LARGEST_NUMBER:
-                line = int(np.argmax(np.abs(column))) + 2
-                raise CampaignError(f"{file} line {line}: {name} is beyond any instrument; delete the line")
-            return np.ascontiguousarray(column)
-    raise CampaignError(
-        f"{file}: column {shown(name)} does not say its unit; end its name in one of "
-        + ", ".join("_" + u for u in sizes)
-    )
+    if (unit := _ending(name, quantities)) is None:
+        ends = ", ".join("_" + u for u in sizes)
+        raise CampaignError(f"{file}: column {shown(name)} does not say its unit; end its name in one of {ends}")
+    column = table[:, names.index(name)] * sizes[unit]
+    if np.abs(column).max() > LARGEST_NUMBER:
+        line = int(np.argmax(np.abs(column))) + 2
+        raise CampaignError(f"{file} line {line}: {name} is beyond any instrument; delete the line")
+    return np.ascontiguousarray(column)

@@ -1,9 +1,8 @@
 """Motions with corners: triangles, trapezoids, holds.
 
-Harmonics never run out for a motion with corners: any finite number of them rounds a triangle's peak (50 of them by
-0.8 % of the amplitude) and lets its velocity ring. Here the motion is a few harmonics and a few kinks, each a parabola
-around the cycle whose slope jumps at one place: exact for motions made of straight and smooth pieces. Corners that a
-filter or the mechanics rounded are no kinks; there the harmonics do run out, and `averaging` keeps to them.
+Any finite number of harmonics rounds a corner and lets the velocity ring. Here the motion is a few harmonics and a few
+kinks, each a parabola around the cycle whose slope jumps at one place. Corners that a filter or the mechanics rounded
+are no kinks; there the harmonics run out, and `averaging` keeps to them.
 """
 
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.timing.harmonics import evaluate
+from bayes_iwan.campaign.timing.harmonics import evaluate, white_noise
 
 SMOOTH_HARMONICS = 8  # beside the kinks
 MOST_KINKS = 6
@@ -81,7 +80,7 @@ def cornered_motion(phase: Array, displacement: Array, n_cycles: int) -> Cornere
     weight = np.sqrt(count[used] / count[used].mean())
     y = np.bincount(cell, displacement, BINS)[used] / count[used] * weight
     # straight pieces have no second differences but noise
-    noise = 1.4826 * float(np.median(np.abs(np.diff(displacement, 2)))) / np.sqrt(6 * count[used].mean())
+    noise = white_noise(displacement) / np.sqrt(count[used].mean())
     turn = 2 * np.pi * np.arange(1, SMOOTH_HARMONICS + 1) * x[:, None]
     smooth = np.concatenate([np.ones((x.size, 1)), np.cos(turn), np.sin(turn)], axis=1) * weight[:, None]
     basis = np.linalg.qr(smooth)[0]

@@ -12,9 +12,10 @@ from scipy.ndimage import uniform_filter1d
 
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.records import CampaignError
-from bayes_iwan.campaign.timing.harmonics import evaluate, fit, inverse_grams, project
+from bayes_iwan.campaign.timing.harmonics import evaluate, fit, inverse_grams, project, white_noise
 from bayes_iwan.campaign.timing.period import period_marks, short_period, whole_period
 
+MOST_HARMONICS = 50  # of a loop
 HYSTERESIS = 0.25  # of the amplitude: far above any usable noise, well inside any motion
 AT_END = 1.5  # steps that a crossing may lie beyond the first or last sample: a record cut at its crossings
 FEW_CROSSINGS = 12  # with more, a cycle at either end is not overlooked, and may hold the drive's start or stop
@@ -228,10 +229,9 @@ def cut_cycles(file: str, time_s: Array, displacement: Array, force: Array | Non
         kept = cycles[first:last]
         index = np.flatnonzero(np.isin(np.floor(phase), kept))
         signal = displacement - (time_s - time_s[0]) / period * _drift(shapes[0, first:last, 0])
-        noise = float(np.median(np.abs(np.diff(displacement, 2)))) * 1.4826 / np.sqrt(6)
-        smooth = 2 * int(per_cycle / 20) + 1 if noise > 0.2 * HYSTERESIS * half else 1
+        smooth = 2 * int(per_cycle / 20) + 1 if white_noise(displacement) > 0.2 * HYSTERESIS * half else 1
     free_phase = _both_strokes(time_s, level, times, numbers, phase, kept, middle, half)
-    n_check = int(max(1, min(24, 0.4 * per_cycle)))
+    n_check = int(max(1, min(24 if repeats is None else MOST_HARMONICS, 0.4 * per_cycle)))
     steady_phase, frequency = _constant(time_s, signal, times, numbers, kept, n_check)
     constant = (
         repeats is not None
@@ -275,14 +275,11 @@ def _late(phase: Array, displacement: Array, force: Array) -> float:
 
 
 def _too_few(file: str, whole: int, run_in: int, run_out: int, holes: int) -> CampaignError:
-    lost = [
-        f"{n} {what}"
-        for n, what in ((run_in, "run-in at the start"), (run_out, "unsteady at the end"), (holes, "lost to gaps"))
-        if n
-    ]
+    lost = (run_in, "run-in at the start"), (run_out, "unsteady at the end"), (holes, "lost to gaps")
+    said = ", ".join(f"{n} {what}" for n, what in lost if n)
     return CampaignError(
-        f"{file}: {whole} whole steady cycle(s)" + (f" ({', '.join(lost)})" if lost else "") + "; at least two "
-        "are needed. Record for longer, or leave the test out"
+        f"{file}: {whole} whole steady cycle(s){f' ({said})' if said else ''}; at least two are needed. Record for "
+        "longer, or leave the test out"
     )
 
 

@@ -1,13 +1,8 @@
 """The drive, assessed first: is this one record one test?
 
-A loop is the average of cycles that are alike. A record may hold something else: a staircase of amplitudes, steps of
-frequency, a sweep, an amplitude that runs away. Averaged all the same, each of these seems to be a specimen that
-warms, settles or has an unknown fault. So frequency and amplitude are taken cycle by cycle, before any averaging, and
-described by whichever is closer: levels that are held, or a smooth change. Levels can be split into tests
-(`split`); a smooth change of more than SMOOTH cannot be one test, and is refused.
-
-Wave form is not assessed: triangles, trapezoids and distorted sines are periodic motion, kept with all the harmonics
-that they have.
+Frequency and amplitude are taken cycle by cycle, before any averaging, and described by whichever is closer: levels
+that are held, or a smooth change. Levels can be split into tests (`split`); a smooth change of more than SMOOTH cannot
+be one test, and is refused. The wave form is not assessed.
 """
 
 from dataclasses import dataclass, replace
@@ -17,19 +12,18 @@ import numpy as np
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.cycles import HYSTERESIS, crossings, cycle_shapes, phase_between
+from bayes_iwan.campaign.timing.harmonics import white_noise
 from bayes_iwan.campaign.timing.period import period_marks, whole_period
 
 LEVEL = 0.03  # two levels further apart than this (of amplitude or frequency) are two tests
 HELD = 3  # cycles that a level lasts at least; fewer are a transition
 SHORT = 2, 0.8, 0.01  # the same where this share of all cycles stands in levels, each as steady as this
-SMALLEST, SMALLEST_SPLIT = 0.1, 0.03  # of the largest stroke: smaller ones are not seen as cycles
-SECOND = 5, 0.1  # cycles, and share of the record, from which a second level is a test of its own
+SMALLEST = 0.03  # of the largest stroke: smaller ones are not seen as cycles
+SECOND = 5  # cycles from which a second level is a test of its own
 MAIN = 0.55  # share of the cycles at one level from which the others are run-in, run-out or a disturbance
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
 PAUSE = 0.8, 0.1  # of a usual cycle in which nothing crosses the middle, or all stands still: a pause
 STILL = 0.25  # of what is not seen as a cycle: noise is half of it, and the way through the middle three times
-SIZE_ALONE = np.array([1.0, 0.0])  # half cycles are compared by size alone: the last of a level may be cut short
-FEWEST = 4  # cycles below which nothing is assessed
 
 
 @dataclass(frozen=True)
@@ -62,18 +56,14 @@ class Drive:
     __repr__ = brief
 
 
-def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST) -> Drive | None:
-    """The drive of a record, from its time (n,) in s and displacement (n,) in mm; None where too few cycles are seen.
-
-    smallest : of the largest stroke; smaller ones are not seen as cycles.
-    """
+def assess_drive(time_s: Array, displacement: Array) -> Drive | None:
+    """The drive of a record: time (n,) in s, displacement (n,) in mm; None where too few cycles are seen."""
     given = time_s, displacement
     low, high = np.percentile(displacement, [0.5, 99.5])
     half = (high - low) / 2
     if not half > 0:
         return None
-    noise = float(np.median(np.abs(np.diff(displacement, 2)))) * 1.4826 / np.sqrt(6)
-    middle, hysteresis = (low + high) / 2, min(max(smallest, 8 * noise / half), HYSTERESIS)
+    middle, hysteresis = (low + high) / 2, min(max(SMALLEST, 8 * white_noise(displacement) / half), HYSTERESIS)
     times = crossings(time_s, displacement, middle, half, hysteresis=hysteresis, ends=True)
     repeats = whole_period(time_s, displacement, times)  # a multisine swings little for a while, which is no pause
     pauses = _pauses(time_s, displacement - middle, hysteresis * half, times) if repeats is None else []
@@ -90,20 +80,15 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
     if repeats is not None:
         times = period_marks(time_s, repeats)
     size, y, groups, kind = _by_cycles(time_s, displacement, times, half, repeats is not None)
-    if kind in ("drift", "unsteady", "") and smallest > SMALLEST_SPLIT:
-        # a crossing between two levels is off its place by as much as the band around the middle is wide
-        finer = assess_drive(*given, SMALLEST_SPLIT)
-        if finer is not None and finer.kind == "levels":
-            return finer
     starts = times + (np.interp(times, time_s, whole_s) - np.clip(times, time_s[0], time_s[-1]))
     ends = 0  # of a level, that may last into a pause
     if kind != "steady":  # levels that each start anew, wherever in its cycle the one before ended
         marks, halves = _half_cycles(*given, middle, hysteresis * (high - low) / 2)
-        sizes = halves * SIZE_ALONE
+        sizes = halves * [1.0, 0.0]  # by size alone: the last half cycle of a level may be cut short
         apart = _merged(sizes, _segments(sizes / LEVEL, 0, len(halves)), HELD)
-        enough = len(apart) > (len(groups) - bool(pauses) if kind == "levels" else 1) and sum(
-            b - a for a, b in apart
-        ) >= SHORT[1] * len(halves)
+        enough = len(apart) > (len(groups) if kind == "levels" else 1) and sum(b - a for a, b in apart) >= SHORT[
+            1
+        ] * len(halves)
         within = [(max(a - 1, 0), min(b - 1, len(halves) - 2)) for a, b in apart]  # the record's ends may cut a swing
         if enough and _kind(sizes[1:-1], within) == "levels":
             starts, size, y, groups, kind, ends = marks, np.exp(halves[:, 0]), halves, apart, "levels", 1
@@ -119,9 +104,8 @@ def _by_cycles(
     """Size of each cycle between times (n + 1,), logarithms of that and of its frequency (n, 2), the levels among them
     and the kind of drive; "" where too few cycles are seen."""
     per_cycle = np.diff(np.searchsorted(time_s, times))
-    none: tuple[Array, Array, list[tuple[int, int]], str] = np.empty(0), np.empty((0, 2)), [], ""
-    if times.size <= FEWEST or per_cycle.min() < 4:
-        return none
+    if times.size <= HELD or per_cycle.min() < 4:
+        return np.empty(0), np.empty((0, 2)), [], ""
     phase = phase_between(time_s, times, np.arange(float(times.size)))
     # a multisine may have no fundamental: its size is that of all its harmonics
     harmonics = max(1, min(24, int(0.4 * per_cycle.min()))) if multisine else 1
@@ -129,14 +113,14 @@ def _by_cycles(
     size = np.sqrt(2) * np.linalg.norm(rows[:, 1:], axis=1)
     size = size * half / max(float(np.percentile(size, 95)), 1e-300)
     if not size.min() > 0:
-        return none
+        return np.empty(0), np.empty((0, 2)), [], ""
     y = np.stack([np.log(size), -np.log(np.diff(times))], axis=1)
     segments = _segments(y / LEVEL, 0, len(y))
     groups = _merged(y, segments, HELD)
     kind = _kind(y, groups)
     if kind != "steady":
         fewest, share, steady = SHORT
-        short = [(a, b) for a, b in _merged(y, segments, fewest) if np.median(np.ptp(y[a:b], axis=0)) < LEVEL]
+        short = [(a, b) for a, b in _merged(y, segments, fewest)]
         stepped = y[:, np.ptp(y, axis=0) > LEVEL]  # what is the same throughout need not be steadier than that
         within = sum(b - a for a, b in short if float(np.abs(np.diff(stepped[a:b], axis=0)).mean()) < steady)
         if len(short) > max(len(groups), 1) and within >= share * len(y):
@@ -147,7 +131,7 @@ def _by_cycles(
 def _pauses(time_s: Array, values: Array, small: float, times: Array) -> list[tuple[int, int]]:
     """Where values (n,) stay within +-small for most of a usual cycle or longer, or still for a part of it: index of
     the first and past the last sample of each pause."""
-    if times.size < FEWEST:
+    if times.size <= HELD:
         return []
     period = float(np.median(np.diff(times)))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], np.abs(values) < small, [False]]).astype(int)))
@@ -214,10 +198,8 @@ def _merged(y: Array, segments: list[tuple[int, int]], held: int) -> list[tuple[
 
 def _kind(y: Array, levels: list[tuple[int, int]]) -> str:
     n = len(y)
-    if len(levels) <= 1 and levels and levels[0][1] - levels[0][0] >= MAIN * n:
-        return "steady"
-    lengths = sorted((b - a for a, b in levels), reverse=True)
-    if lengths and lengths[0] >= MAIN * n and lengths[1] < max(SECOND[0], SECOND[1] * n):
+    first, second = [*sorted((b - a for a, b in levels), reverse=True), 0, 0][:2]
+    if first >= MAIN * n and second < SECOND:
         return "steady"
     # what is left of levels, and of a smooth curve: most cycles of the right description lie on it
     middles = np.array([np.median(y[a:b], axis=0) for a, b in levels]).reshape(-1, 1, 2)
@@ -272,19 +254,17 @@ def staircase_said(drive: Drive, clock: bool = True) -> str:
 
 
 def split(record: Record) -> tuple[Record, ...]:
-    """One record for each level of a staircase of amplitudes or frequencies; the record itself where it is steady.
+    """One record for each level of a staircase of amplitudes or frequencies, named _1, _2 ..., with the level's cycles,
+    its own time from 0, and the frequency and amplitude that were found; the record itself where it is steady.
 
-    Each piece holds the whole cycles of its level (transitions are dropped), its own time from 0, and the frequency
-    and amplitude that were found; role and other numbers are the record's. Names are the record's with _1, _2 ...
-
-    Raises CampaignError where the drive drifts, sweeps or wanders instead: then there are no levels to split at.
+    Raises CampaignError where the drive drifts, sweeps or wanders instead.
     """
     return split_levels(record)[0]
 
 
 def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
     """The same, and a line for each part of the record that is in no piece."""
-    drive = assess_drive(record.time_s, record.displacement_mm, SMALLEST_SPLIT)
+    drive = assess_drive(record.time_s, record.displacement_mm)
     if drive is None or drive.kind == "steady":
         return (record,), ()
     if drive.kind != "levels":
@@ -331,6 +311,6 @@ def _omitted(record: Record, drive: Drive) -> list[str]:
     for a, b in ((record.time_s[0], drive.start_s[0]), (drive.start_s[-1], record.time_s[-1])):
         if b - a > longest:
             said.append(
-                f"dropped: {a:.4g} to {b:.4g} {unit}: no cycle of more than {SMALLEST_SPLIT:.0%} of the largest stroke"
+                f"dropped: {a:.4g} to {b:.4g} {unit}: no cycle of more than {SMALLEST:.0%} of the largest stroke"
             )
     return said

@@ -18,6 +18,11 @@ GROUPS = 256  # whose matrices are in memory at a time
 STEP = 6  # 101 * 101 * 6 multiplications stay below OpenBLAS's threshold for threads
 
 
+def white_noise(values: Array) -> float:
+    """Standard deviation of white noise on (n,) samples of what is smooth, by their second differences."""
+    return 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6)
+
+
 def project(phase: Array, signals: Sequence[Array], starts: np.ndarray, n_harmonics: int) -> Array:
     """Right-hand sides of the normal equations, (n_groups, m, k).
 

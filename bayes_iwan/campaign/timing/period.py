@@ -7,7 +7,6 @@ from scipy.signal import correlate
 
 from bayes_iwan.arrays import Array
 
-MOST = 40  # crossings in a period
 UNLIKE = 0.05  # RMS from one crossing to the next, over that of two signals without relation: no cycle ends there
 POINTS = 64  # of a cycle that is compared with others
 SMALL = 0.25  # of the amplitude: nearer to the middle no side is counted
@@ -31,8 +30,7 @@ def whole_period(time_s: Array, displacement: Array, times: Array) -> float | No
     first = _least(lag, off, one)[1]
     if first < UNLIKE:
         return None  # a cycle ends at each crossing but a few: a spike or a dropout made those
-    span = time_s[-1] - time_s[0]
-    most = min(MOST * one, 0.501 * span + float(np.median(np.diff(time_s))))
+    most = 0.501 * float(time_s[-1] - time_s[0]) + float(np.median(np.diff(time_s)))
     around = max(3, int(one / lag[1]))
     for k in np.flatnonzero((off == minimum_filter1d(off, around)) & (lag < most))[1:]:
         period, least = _least(lag, off, lag[k])
@@ -80,7 +78,7 @@ def _unlike(time_s: Array, values: Array, one: float) -> tuple[Array, Array]:
 
 def _least(lags: Array, off: Array, near: float) -> tuple[float, float]:
     """The lag near another one after which a signal is most like itself, by a parabola, and how unlike it is then."""
-    a, b = np.searchsorted(lags, [(1 - SEARCH) * near, (1 + SEARCH) * near])
+    a, b = np.minimum(np.searchsorted(lags, [(1 - SEARCH) * near, (1 + SEARCH) * near]), lags.size - 2)
     k = min(max(a + int(np.argmin(off[a : b + 1])), 1), lags.size - 2)
     fall, curvature = (off[k - 1] - off[k + 1]) / 2, off[k - 1] - 2 * off[k] + off[k + 1]
     shift = float(np.clip(fall / curvature, -1.0, 1.0)) if curvature > 0 else 0.0

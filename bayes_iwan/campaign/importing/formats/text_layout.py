@@ -6,6 +6,7 @@ import math
 import re
 import unicodedata
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -86,15 +87,10 @@ class Style:
 
     def cells(self, line: str) -> list[str]:
         """A line's cells without blanks and quotes around them."""
-        if self.separator == r"\s+":
-            cells = line.split()
-        elif '"' in line:
-            try:
+        cells = line.split(None if self.separator == r"\s+" else self.separator)
+        if '"' in line and self.separator != r"\s+":
+            with suppress(csv.Error):
                 cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
-            except csv.Error:
-                cells = line.split(self.separator)
-        else:
-            cells = line.split(self.separator)
         return [cell.strip().strip('"').strip() for cell in cells]
 
     def numbers(self, cells: Sequence[str]) -> int:
@@ -118,7 +114,7 @@ def range_passed(cell: str) -> float | None:
         return math.inf
     if word in _BELOW:
         return -math.inf
-    if word.lstrip("+-−") in _PASSED:
+    if word.strip("+-−") in _PASSED:
         return -math.inf if word[0] in "-−" else math.inf
     return None
 
