@@ -30,7 +30,7 @@ class ChannelDelay(Effect):
         return 5e-5 * self.scales.length_mm / self.scales.speed_m_s
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        return {"dispersion": form("p", "growth of the delay with frequency, as a power", about(0.0, 0.1), -0.3, 0.3)}
+        return {"dispersion": form("p", "growth of the delay with frequency, as a power", about(0.0, 0.2), -0.9, 0.9)}
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         delay, p = self.get(parameter_values, "delay_s"), self.get(parameter_values, "dispersion")
@@ -214,7 +214,7 @@ class SteepLowpass(ForceLowpass):
     """A filter of higher order far below its corner: its group delay is what is left of it, and a faint droop.
 
     The logarithm of any low-pass is −ix − κx²/2 + … , x = 2πfτ: κ = 1/n for n equal poles, about 0 for Bessel and
-    Butterworth filters. So a steep filter passes for a delay, unless it droops.
+    Butterworth filters. So a steep filter passes for a delay, and the two differ by their droop alone.
     """
 
     law = (
@@ -223,8 +223,8 @@ class SteepLowpass(ForceLowpass):
     reference = "Zverev, Handbook of Filter Synthesis, ch. 2 (group delay below the corner)"
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        # none is usual: then nothing tells it from a delay, and both are said
-        return {"droop": ExtraParameter("κ", "-", "droop over that of a first order", about(0.0, 0.3), 0.0, 1.0)}
+        # a droop of its own is what makes it a filter: without one nothing tells it from a delay
+        return {"droop": ExtraParameter("κ", "-", "droop over that of a first order", lognormal(0.3, 0.8), 0.0, 1.0)}
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         tau, droop = self.get(parameter_values, "tau_s"), self.get(parameter_values, "droop")
