@@ -13,20 +13,32 @@ def plain(text: str) -> str:
 
 @contextmanager
 def terminate_as_interrupt() -> Iterator[None]:
-    """Inside, SIGTERM is KeyboardInterrupt as Ctrl-C is: whatever keeps its work for the one keeps it for the other.
+    """Inside, SIGTERM is KeyboardInterrupt as Ctrl-C is: whatever keeps its work for the one keeps it for the other. So
+    is every error after either: a compiler that is interrupted fails in its own way.
 
     In the main thread only, where Python handles signals; elsewhere this does nothing.
     """
+    stopped = False
 
     def stop(number: int, frame: object) -> None:
+        nonlocal stopped
+        stopped = True
         raise KeyboardInterrupt
 
+    before = {}
     try:
-        before = signal.signal(signal.SIGTERM, stop)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            if signal.getsignal(number) is not signal.SIG_IGN:  # as in a shell's background job
+                before[number] = signal.signal(number, stop)
     except ValueError:  # not the main thread
         yield
         return
     try:
         yield
+    except Exception as error:
+        if stopped:
+            raise KeyboardInterrupt from error
+        raise
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

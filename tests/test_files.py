@@ -1,5 +1,6 @@
 """Files whole at every moment, folders of one run at a time, and a terminal that names cannot steer."""
 
+import contextlib
 import os
 import shutil
 import signal
@@ -108,6 +109,17 @@ def test_sigterm_is_ctrl_c():
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(1)
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_an_interrupted_library_raises_is_an_interruption(number):
+    with pytest.raises(KeyboardInterrupt), terminate_as_interrupt():
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), number)
+            time.sleep(1)
+        raise RuntimeError("half compiled")
+    with pytest.raises(RuntimeError, match="by itself"), terminate_as_interrupt():
+        raise RuntimeError("by itself")
 
 
 def test_results_are_known_by_their_campaign_wherever_it_lies(tmp_path, made_up_campaign):
