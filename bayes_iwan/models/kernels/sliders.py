@@ -473,7 +473,7 @@ def way(displacement_mm: Array, slope_mm: Array, closed: bool) -> tuple[Array, N
     """
     longest = 2 * len(displacement_mm) + 3
     at, off = np.empty(longest), np.empty(longest)
-    where, stop, turns, last = (np.empty(longest, np.int64) for _ in range(4))
+    where, stop, turns, last = (np.empty(longest, x) for x in (np.uint64, np.int64, np.int64, np.int64))
     u, slope = (np.ascontiguousarray(x, dtype=float) for x in (displacement_mm, slope_mm))
     count = _way(u, slope, closed, 0, at, where, off, stop, turns, last)
-    return at[:count], where[:count], off[:count]
+    return at[:count], where[:count].astype(np.int64), off[:count]
