@@ -94,6 +94,7 @@ class Motion:
             1e3 / (self.frequency_hz * self.samples) if self.periodic else np.full(self.loops, 1e3 * self.step_s)
         )
         slope = self.velocity_m_s * per_sample[:, None]
+        # a copy: kernels are compiled once more for arrays that may not be written to, as broadcast ones
         return np.array(np.broadcast_to(slope, self.displacement_mm.shape), order="C")
 
     def of_draws(self, part: slice | NDArray[np.bool_]) -> Motion:

@@ -312,8 +312,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         except CampaignError as error:
             if len(pieces) == 1:
                 raise CampaignError(" ".join((f"{error}.", *codes)).rstrip(".")) from None
-            said_of = str(error).replace("Record for longer, or leave the test out", "Hold the level for longer")
-            dropped = (*dropped, f"dropped: {said_of}")
+            dropped = (*dropped, f"dropped: {error}")
             continue
         if (count := crossings_a_period(loop.displacement_mm)) > 1:
             several = (

@@ -211,7 +211,7 @@ def cut_cycles(file: str, time_s: Array, displacement: Array, force: Array | Non
         if times.size < 3:
             raise CampaignError(
                 f"{file}: {max(times.size - 1, 0)} whole cycle(s) in {time_s[-1] - time_s[0]:.4g} s; at least "
-                "two are needed. Record for longer, or leave the test out"
+                "two are needed. Record (or hold the level) for longer, or leave the test out"
             )
         numbers = _numbers(times)
         period = float(np.median(np.diff(times)))
@@ -278,8 +278,8 @@ def _too_few(file: str, whole: int, run_in: int, run_out: int, holes: int) -> Ca
     lost = (run_in, "run-in at the start"), (run_out, "unsteady at the end"), (holes, "lost to gaps")
     said = ", ".join(f"{n} {what}" for n, what in lost if n)
     return CampaignError(
-        f"{file}: {whole} whole steady cycle(s){f' ({said})' if said else ''}; at least two are needed. Record for "
-        "longer, or leave the test out"
+        f"{file}: {whole} whole steady cycle(s){f' ({said})' if said else ''}; at least two are needed. Record "
+        "(or hold the level) for longer, or leave the test out"
     )
 
 

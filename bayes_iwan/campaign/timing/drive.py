@@ -86,10 +86,9 @@ def assess_drive(time_s: Array, displacement: Array) -> Drive | None:
         marks, halves = _half_cycles(*given, middle, hysteresis * (high - low) / 2)
         sizes = halves * [1.0, 0.0]  # by size alone: the last half cycle of a level may be cut short
         apart = _merged(sizes, _segments(sizes / LEVEL, 0, len(halves)), HELD)
-        enough = len(apart) > (len(groups) if kind == "levels" else 1) and sum(b - a for a, b in apart) >= SHORT[
-            1
-        ] * len(halves)
+        held, fewest = sum(b - a for a, b in apart), len(groups) if kind == "levels" else 1
         within = [(max(a - 1, 0), min(b - 1, len(halves) - 2)) for a, b in apart]  # the record's ends may cut a swing
+        enough = len(apart) > fewest and held >= SHORT[1] * len(halves)
         if enough and _kind(sizes[1:-1], within) == "levels":
             starts, size, y, groups, kind, ends = marks, np.exp(halves[:, 0]), halves, apart, "levels", 1
     if not kind:
@@ -120,7 +119,7 @@ def _by_cycles(
     kind = _kind(y, groups)
     if kind != "steady":
         fewest, share, steady = SHORT
-        short = [(a, b) for a, b in _merged(y, segments, fewest)]
+        short = _merged(y, segments, fewest)
         stepped = y[:, np.ptp(y, axis=0) > LEVEL]  # what is the same throughout need not be steadier than that
         within = sum(b - a for a, b in short if float(np.abs(np.diff(stepped[a:b], axis=0)).mean()) < steady)
         if len(short) > max(len(groups), 1) and within >= share * len(y):
