@@ -285,7 +285,8 @@ def _recording(
         clocks, said, first = _clocks({k: table[k] for k in used if k not in numeric}, names)
         channels, notes, began = channels | clocks, (*notes, *said), first if clocks else began
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
-    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside, *_tabled(above, style)]), began)
+    stated = [x for x in above if not all(name in x for name in names)]  # what names say, is said of those that are used
+    return Recording(file, part, kept, notes, rate, not_applied([*stated, *beside, *_tabled(above, style)]), began)
 
 
 def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
