@@ -48,7 +48,7 @@ class Limit:
 @dataclass(frozen=True)
 class Top:
     """The flat part of a loop at one side: level (N), share of the stroke, slope before it over the secant stiffness,
-    and whether it lasts after the motion has turned."""
+    and whether it lasts after the motion has turned (or, of an exact level, ends before: a viscous or late force)."""
 
     level: float
     stroke: float
@@ -163,8 +163,9 @@ def _rail(record: Record, loop: Loop, limit: Limit) -> Top:
     falls = limit.side * np.interp(phase % 1.0, loop.phase, loop.velocity_m_s, period=1.0) < 0.0
     at = record.force_N[index] == limit.level
     whole = float(np.ptp(loop.displacement_mm))
-    lowest = float(np.min(u[at & falls], initial=np.inf))
-    return Top(limit.level, float(np.ptp(u[at])) / whole, np.inf, float(u.max()) - lowest > THROUGH * whole)
+    lowest, highest = float(np.min(u[at & falls], initial=np.inf)), float(np.max(u[at]))
+    apart = float(u.max()) - lowest > THROUGH * whole or float(u[~falls].max()) - highest > THROUGH * whole
+    return Top(limit.level, float(np.ptp(u[at])) / whole, np.inf, apart)
 
 
 def _cornered(top: Top) -> bool:
