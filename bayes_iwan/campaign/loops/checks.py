@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.loops.averaging import Loop, average
+from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE, Loop, average
 from bayes_iwan.campaign.loops.drift import friction_N, level_record
 from bayes_iwan.campaign.loops.resolution import MOST_POINTS
 from bayes_iwan.campaign.loops.steadiness import disturbances, when
@@ -23,7 +23,6 @@ from bayes_iwan.campaign.timing.harmonics import white_noise
 from bayes_iwan.campaign.timing.period import ALIKE
 
 NOMINAL_TOLERANCE = 0.10
-FEWEST_PER_CYCLE = 8.0
 LATE_SAID = 0.002  # sine of an angle (0.1°) below which a loop that gives out energy changes nothing
 SIGMAS = 3.0  # standard errors: what is less is noise
 REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
@@ -147,12 +146,6 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     hint = " (the force column moves by as much: are the two swapped?)" if swapped else ""
     _near(record, f"amplitude_{unit}", loop.amplitude_mm, record.amplitude_mm, unit, hint)
     index = loop.cut.index
-    per_cycle = index.size / loop.n_cycles
-    if per_cycle < FEWEST_PER_CYCLE:
-        raise CampaignError(
-            f"{record.file}: {per_cycle:.1f} samples a cycle; at least {FEWEST_PER_CYCLE:g} are needed or the loop "
-            "is aliased. Sample faster"
-        )
     notes += _angle(loop)
     notes += corners
     notes += disturbances(loop)
