@@ -214,5 +214,7 @@ def test_a_multisine_keeps_all_its_harmonics_and_has_no_corners(record, orders):
 
 @pytest.mark.parametrize("rate_hz", [18.0, 21.0, 60.0, 79.0])  # of 10 Hz; below 2.2 a cycle no harmonic is resolved
 def test_too_few_samples_a_cycle_are_one_clear_line(record, rate_hz):
-    with pytest.raises(CampaignError, match=r"test\.csv: \d\.\d samples a cycle; at least 8 are needed .* Sample faster"):
+    with pytest.raises(
+        CampaignError, match=r"test\.csv: \d\.\d samples a cycle; at least 8 are needed .* Sample faster"
+    ):
         average(record(rate_hz=rate_hz, n_cycles=30))

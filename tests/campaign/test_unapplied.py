@@ -54,7 +54,19 @@ def test_a_start_or_factor_above_a_table_is_said(tmp_path, line):
 
 
 def test_neutral_statements_are_not_said():
-    assert not_applied(["Start time: 10:00:00", "Delay: 0.000 s", "Gain;1;1", "Vertical Scale,0.5", "again 10"]) == ()
+    assert (
+        not_applied(
+            [
+                "Start time: 10:00:00",
+                "T0=01.03.2024 10:00:00",
+                "Delay: 0.000 s",
+                "Gain;1;1",
+                "Vertical Scale,0.5",
+                "again 10",
+            ]
+        )
+        == ()
+    )
 
 
 def test_stamps_of_each_channel_align_them_across_midnight(tmp_path):
@@ -287,7 +299,9 @@ def test_a_tab_in_a_file_name_makes_a_campaign_that_reads(tmp_path):
     assert [x.file for x in read_campaign(tmp_path / "campaign").tests] == ["run_1.csv"]
 
 
-IN_NAMES = "x2, x10, *2, /2, /10, 2x, gain 100, gain10, G=10, amp 10, scaled 0.1, delayed 4 ms, +4ms, offset 50, -2 samples"
+IN_NAMES = (
+    "x2, x10, *2, /2, /10, 2x, gain 100, gain10, G=10, amp 10, scaled 0.1, delayed 4 ms, +4ms, offset 50, -2 samples"
+)
 
 
 @pytest.mark.parametrize("said", IN_NAMES.split(", "))
@@ -298,7 +312,8 @@ def test_a_factor_offset_or_delay_in_a_channels_name_is_said(tmp_path, said):
 
 
 @pytest.mark.parametrize(
-    "motion, force", [("x2", "Force 2"), ("Disp x1", "F2"), ("LVDT 3", "Load cell 1/2"), ("Laser x2", "Force 10 kN range")]
+    "motion, force",
+    [("x2", "Force 2"), ("Disp x1", "F2"), ("LVDT 3", "Load cell 1/2"), ("Laser x2", "Force 10 kN range")],
 )
 def test_axes_and_numbers_in_names_are_no_factors(tmp_path, motion, force):
     other = motion[:-1] + "9"  # a kin, which makes of x2 an axis

@@ -85,7 +85,9 @@ def _one_rate(stated: re.Match[str], of_step: str) -> float | None:
     behind = _BEHIND.match(rest)
     unit = (behind and behind[1]) or (found and found[1]) or (of_step if kind is _STEP else "")
     rate, step = _HERTZ.fullmatch(unit), _SECONDS.fullmatch(unit)
-    if re.search(r"(?:/|per) *(?:min|h)", rest) or not (found or (_SAMPLES_PER_S.fullmatch(unit) and not label.strip())):
+    if re.search(r"(?:/|per) *(?:min|h)", rest) or not (
+        found or (_SAMPLES_PER_S.fullmatch(unit) and not label.strip())
+    ):
         return None
     more = _MORE.match(rest[behind.end() if behind and behind[1] else 0 :])
     if more and any(x != number for x in re.findall(r"(?<![\w.,])\d[\d.,]*", more[0])):
@@ -98,7 +100,9 @@ def _one_rate(stated: re.Match[str], of_step: str) -> float | None:
         return value * _PER_SECOND[rate[1].lower()]
     if step:
         value *= _OF_A_SECOND[step[1].lower()]
-    elif (behind and behind["other"]) or kind is _VAGUE_RATE or (kind is _STEP and (value >= 1 or _LENGTH.match(label))):
+    elif (
+        (behind and behind["other"]) or kind is _VAGUE_RATE or (kind is _STEP and (value >= 1 or _LENGTH.match(label)))
+    ):
         return None  # of a length, of a converter, of the drive, or of nobody knows what
     elif kind is _RATE:
         return value

@@ -20,7 +20,7 @@ FEW_LEVELS = 500  # over a channel's range: fewer are said
 LATTICE = 0.03  # of a step that values may be off its multiples
 #: words of what a file may state of a single channel and nothing here applies: when it starts, what it is multiplied by
 _START = re.compile(
-    r"(?<![^\W_])(t0|delay|latency|skew|(start|time|trigger)[ _-]?offset)(?![^\W\d_])|"
+    r"(?<![^\W_])(t0|delay|latency|skew|(start|time|trigger)[ _-]?offset)(?![^\W\d_])(?!.*\d[-./:]\d\d?[-./:]\d)|"
     r"(?<![^\W_])start\W+[\d.]+ ?(s|ms|us|sec)\b",
     re.IGNORECASE,
 )
