@@ -15,7 +15,7 @@ _OF_SAMPLING = (
 )
 _PER_S = r"(?:s|sa|sam\w*|scans?|points?|readings?|rows?|values?)[ _]?(?:/|per) ?(?:channel per )?s(?:ec(?:ond)?s?)?"
 _RATES = (
-    rf"(?:{_SAMPLING}[ _-]*)+(?:rate|fre[qk]\w*\.?)|(?:fr[ée]q\w*|frec\w*|tasa|taux|частота)\.?{_OF_SAMPLING}|"
+    rf"(?:{_SAMPLING}[ _-]*){{1,3}}(?:rate|fre[qk]\w*\.?)|(?:fr[ée]q\w*|frec\w*|tasa|taux|частота)\.?{_OF_SAMPLING}|"
     rf"(?:采样|サンプリング)(?:率|频率|周波数|レート)|f_?s(?:ample)?|srate|(?:(?:number|no\.?) of )?{_PER_S}"
 )
 #: what may be another rate (of the drive): it counts beside a unit of rates alone
@@ -23,7 +23,8 @@ _VAGUE = r"rate|s_?r|(?:sampled|recorded|logged|acquired|sampling)(?: at| with| 
 _STEPS = (
     rf"(?:{_SAMPLING}|time|x|h|horizontal|wf)?[ _-]*(?:interval|increment)|x_?incr?|"
     r"(?:sampl\w*|scan)[ _-]*(?:period|step|cycle|time)|time[ _-]?step|(?:sampl\w*|time|x|h)[ _-]*resolution|"
-    r"(?:one |a )?(?:sam\w*|scans?|points?|readings?|rows?) every|d[tx]|(?:delta|δ)[ _-]?[tx]|[tx][ _-]?delta|(?:abtast|zeit)[ _-]?(?:intervall|schritt|periode|zeit)|"
+    r"(?:one |a )?(?:sam\w*|scans?|points?|readings?|rows?) every|d[tx]|(?:delta|δ)[ _-]?[tx]|[tx][ _-]?delta|"
+    r"(?:abtast|zeit)[ _-]?(?:intervall|schritt|periode|zeit)|"
     rf"(?:pas|p[ée]riod[eo]|interval\w*|paso|шаг|период|интервал){_OF_SAMPLING}|"
     r"(?:サンプリング|采样)(?:間隔|间隔|周期)|t[ _]?inc|t_?s"
 )
@@ -46,7 +47,7 @@ _RATE, _VAGUE_RATE, _STEP = (
 )
 #: where a statement begins in a line; its label, its number and what stands behind; the unit there
 _BEGINS = re.compile(r"^|[;\t|]|,(?=\s*[^\s\d])")
-_NUMBER = re.compile(r"(.{0,80}?)(?<![\w/\[({.-])(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)(.*)", re.IGNORECASE)
+_NUMBER = re.compile(r"(.{0,80}?)(?<![\w/\[({.-])(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)(.{0,400})", re.IGNORECASE)
 _MORE = re.compile(rf"(?:[\s;|'’]+\d[\d.,]*\s*{_UNIT}?(?=[\s;|'’]|$))*", re.IGNORECASE)
 _BEHIND = re.compile(rf"[\"\s;,\[(]*{_UNIT}(?![\w/])|\s*(?P<other>[^\W\d_]+|[°%])", re.IGNORECASE)
 #: the unit of a step in a line of its own; and that not all samples of a stated rate were kept

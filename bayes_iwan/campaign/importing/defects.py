@@ -34,8 +34,9 @@ _FACTOR = re.compile(
 #: the same within a channel's name: 1000*Force, Force/2, Force x 1e3, gain 10, 4 ms late
 _N = r"\d+(?:[.,]\d+)?(?:e[+-]?\d+|\^\d+)?"
 _IN_NAME = re.compile(
-    rf"(?<![\d\s])\s*[*×·/=] ?({_N})\)?(?!\w)|[^\W_][\s_(]+[x×] ?({_N})(?![^\W_])|(?<![^\W_])({_N}) ?(?:[*×·]|x(?![^\W_]))|"
-    rf"[+] ?({_N})|(?<![^\W_])({_N}) ?(?:[mµu]?s|sec|samples?)(?![^\W_])|^(\d+/\d+)(?=[ *])|"
+    rf"(?<![\d\s])\s*[*×·/=] ?({_N})\)?(?!\w)|[^\W_][\s_(]+[x×] ?({_N})(?![^\W_])|"
+    rf"(?<![^\W_])({_N}) ?(?:[*×·]|x(?![^\W_]))|[+] ?({_N})|(?<![^\W_])({_N}) ?(?:[mµu]?s|sec|samples?)(?![^\W_])|"
+    r"^(\d+/\d+)(?=[ *])|"
     r"(?<![^\W_])(?:gain|factor|faktor|scal\w*|amp\w*|mul\w*|times|mal|by|verst\w*|cal\w*|offset|tare|delay\w*|lag\w*)"
     rf"[\W_]*({_N})",
     re.IGNORECASE,
@@ -66,8 +67,8 @@ def stated_in_name(name: str, others: Iterable[str]) -> tuple[str, ...]:
     if not found or any(x != name and re.sub(r"[xyz]?\d+", "", x) == stem for x in others):
         return ()
     return (
-        f"{name!r} may name a factor, an offset or a delay, which is not applied: if the numbers do not hold it yet, say "
-        "a factor with --gain or --unit, and give a late channel its own time column",
+        f"{name!r} may name a factor, an offset or a delay, which is not applied: if the numbers do not hold it yet, "
+        "say a factor with --gain or --unit, and give a late channel its own time column",
     )
 
 
