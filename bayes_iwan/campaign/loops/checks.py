@@ -127,7 +127,8 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     record, drifts = level_record(record, loop, line_mm)
     loop = average(record, n_blocks=1) if record is not loop.record else loop
     notes, corners = [*record.warnings, *drifts], _corners(loop)
-    counted = _counted_frequency(record.time_s, loop.frequency_hz)
+    steps = np.diff(record.time_s)  # and the frequency if each were the logger's shortest
+    counted = loop.frequency_hz * float(np.mean(steps) / np.percentile(steps, 5))
     if abs(loop.frequency_hz / record.frequency_hz - 1) > NOMINAL_TOLERANCE >= abs(counted / record.frequency_hz - 1):
         notes.append(
             f"campaign.toml states {record.frequency_hz:.4g} Hz, which counts samples as if their steps were even; by "
@@ -250,12 +251,6 @@ def _corners(loop: Loop) -> list[str]:
 def _area(u: Array, force: Array) -> float:
     """Area within closed curves of displacement (n,) and force (n,)."""
     return 0.5 * float(np.sum((force + np.roll(force, -1)) * (np.roll(u, -1) - u)))
-
-
-def _counted_frequency(time: Array, frequency_hz: float) -> float:
-    """The frequency of a record with irregular steps if every step were the logger's shortest, in Hz."""
-    steps = np.diff(time)
-    return frequency_hz * float(np.mean(steps) / np.percentile(steps, 5))
 
 
 def _near(record: Record, key: str, found: float, stated: float, unit: str, hint: str = "") -> None:
