@@ -81,16 +81,16 @@ def stated_rate(lines: Iterable[str]) -> float | None:
 def _one_rate(stated: re.Match[str], of_step: str) -> float | None:
     """Samples a second that a label, a number and what stands behind it state; None where they state none, NaN where
     they state several."""
-    label, number, rest = stated.groups()
+    label, number, after = stated.groups()
     kind, found = next(((k, x) for k in (_RATE, _STEP, _VAGUE_RATE) if (x := k.fullmatch(label))), (None, None))
-    behind = _BEHIND.match(rest)
+    behind = _BEHIND.match(after)
     unit = (behind and behind[1]) or (found and found[1]) or (of_step if kind is _STEP else "")
     rate, step = _HERTZ.fullmatch(unit), _SECONDS.fullmatch(unit)
-    if re.search(r"(?:/|per) *(?:min|h)", rest) or not (
+    if re.search(r"(?:/|per) *(?:min|h)", after) or not (
         found or (_SAMPLES_PER_S.fullmatch(unit) and not label.strip())
     ):
         return None
-    more = _MORE.match(rest[behind.end() if behind and behind[1] else 0 :])
+    more = _MORE.match(after[behind.end() if behind and behind[1] else 0 :])
     if more and any(x != number for x in re.findall(r"(?<![\w.,])\d[\d.,]*", more[0])):
         return math.nan  # each channel has its own, or 1 000 is meant
     try:

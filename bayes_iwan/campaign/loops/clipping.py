@@ -157,15 +157,15 @@ def _top(loop: Loop, values: Array, side: int) -> Top | None:
 
 
 def _left_at_speed(record: Record, loop: Loop, limit: Limit) -> bool:
-    """Does a force leave a level more straight than bent over three samples? So it leaves an amplifier's; friction
+    """Does a force leave a level more straight than curved over three samples? So it leaves an amplifier's; friction
     leaves its plateau as the motion turns, from rest unless that has corners."""
     force, motion = (limit.side * x[loop.cut.index] for x in (record.force_N, record.displacement_mm))
     below = limit.side * limit.level - force
     ends = np.flatnonzero((below[:-4] == 0) & (below[1:-3] > 0))[:, None]
     u, (first, second, third) = motion[ends + np.arange(-1, 3)], below[ends + np.arange(1, 4)].T
     turns = loop.corners & (np.max(u[:, 1:3], axis=1) > np.maximum(u[:, 0], u[:, 3]))
-    bend = (third - 2 * second + first) / 2
-    speed = np.sqrt(np.maximum((second - first - bend) ** 2 - 4 * bend * first, 0.0))  # of a parabola at the level
+    curve = (third - 2 * second + first) / 2
+    speed = np.sqrt(np.maximum((second - first - curve) ** 2 - 4 * curve * first, 0.0))  # of a parabola at the level
     return bool(np.median((2 * speed > (third - first) / 2) & ~turns))
 
 
