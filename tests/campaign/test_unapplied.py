@@ -352,7 +352,7 @@ def test_a_rate_is_read_by_its_label_number_and_unit(line):
 NO_RATES = (
     "FS: 10 kN", "fs 100 N", "Sample 3, 8 Hz", "Data 8 Hz 1.2 mm", "Recorded: 2024-03-01", "Sampling time: 20 s",
     "NI 9234 51.2 kS/s", "Sample rate: 1 000 Hz", "Sampling rate [Hz];500;250", "500 S/s;100 S/s", "SR 12",
-    "Sampling interval 0.1 mm", "Rate: 0.5 mm/s", "Max. sampling rate: 100 kHz",
+    "Sampling interval 0.1 mm", "Rate: 0.5 mm/s", "Max. sampling rate: 100 kHz", "Rate: 8 Hz",
 )  # fmt: skip
 
 

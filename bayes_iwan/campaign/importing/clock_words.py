@@ -18,8 +18,8 @@ _RATES = (
     rf"(?:{_SAMPLING}[ _-]*){{1,3}}(?:rate|fre[qk]\w*\.?)|(?:fr[ée]q\w*|frec\w*|tasa|taux|частота)\.?{_OF_SAMPLING}|"
     rf"(?:采样|サンプリング)(?:率|频率|周波数|レート)|f_?s(?:ample)?|srate|(?:(?:number|no\.?) of )?{_PER_S}"
 )
-#: what may be another rate (of the drive): it counts beside a unit of rates alone
-_VAGUE = r"rate|s_?r|(?:sampled|recorded|logged|acquired|sampling)(?: at| with| @)?"
+#: what counts beside a unit of rates alone; a bare rate in Hz is as often the drive's
+_VAGUE = r"(?P<bare>rate)|s_?r|(?:sampled|recorded|logged|acquired|sampling)(?: at| with| @)?"
 _STEPS = (
     rf"(?:{_SAMPLING}|time|x|h|horizontal|wf)?[ _-]*(?:interval|increment)|x_?incr?|"
     r"(?:sampl\w*|scan)[ _-]*(?:period|step|cycle|time)|time[ _-]?step|(?:sampl\w*|time|x|h)[ _-]*resolution|"
@@ -96,6 +96,8 @@ def _one_rate(stated: re.Match[str], of_step: str) -> float | None:
     try:
         value = float(decimal_point(number))
     except ValueError:
+        return None
+    if rate and kind is _VAGUE_RATE and found["bare"] and not (rate[1] or _SAMPLES_PER_S.fullmatch(unit)):
         return None
     if rate:
         return value * _PER_SECOND[rate[1].lower()]
