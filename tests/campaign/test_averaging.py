@@ -210,3 +210,11 @@ def test_a_multisine_keeps_all_its_harmonics_and_has_no_corners(record, orders):
     shift = np.angle(fold(loop, np.exp(2j * np.pi * 10 * r.time_s).real)[0, 1]) / (2 * np.pi)
     np.testing.assert_allclose(loop.displacement_mm, motion(loop.phase + shift), atol=0.01)
     assert not loop.corners
+
+
+@pytest.mark.parametrize("rate_hz", [18.0, 21.0, 60.0, 79.0])  # of 10 Hz; below 2.2 a cycle no harmonic is resolved
+def test_too_few_samples_a_cycle_are_one_clear_line(record, rate_hz):
+    with pytest.raises(
+        CampaignError, match=r"test\.csv: \d\.\d samples a cycle; at least 8 are needed .* Sample faster"
+    ):
+        average(record(rate_hz=rate_hz, n_cycles=30))

@@ -114,3 +114,26 @@ def test_a_simulated_slider_under_a_drive_that_wanders_is_not_clipped(record):
         z[i] = np.clip(z[i - 1] + 60.0 * (u[i] - u[i - 1]), -5.0, 5.0)
     r = replace(record(time_s=t), displacement_mm=u, force_N=z)
     assert not limits_of_loops([r], [check_record(r)[1]])
+
+
+@pytest.mark.parametrize("angle", [0.1, 0.5, 0.8, 1.2])  # with 0.5 the level ends where the motion turns
+@pytest.mark.parametrize("at, lowest", [(0.87, -0.87), (0.95, -1.0)])
+def test_an_ellipse_that_is_cut_off_is_clipped(record, angle, at, lowest):
+    """5.6 % of the energy was lost without a word."""
+    r = record(time_s=np.arange(2000) / 1300.0)
+    p = 2 * np.pi * 10.0 * r.time_s
+    r = replace(r, displacement_mm=np.sin(p), force_N=np.clip(np.sin(p + angle), lowest, at))
+    found = limits_of_loops([r], [check_record(r)[1]])
+    assert [x.side for x in found] == ([1, -1] if lowest == -at else [1])
+
+
+@pytest.mark.parametrize("digits", [2, 9])
+@pytest.mark.parametrize("corners", [False, True])
+def test_a_slider_alone_is_not_clipped(record, digits, corners):
+    t, u, f = sliding(1.0, 5.0, stiffness=60.0)
+    if corners:
+        u, f = 2 / np.pi * np.arcsin(u), np.zeros_like(f)
+        for k in range(1, f.size):
+            f[k] = np.clip(f[k - 1] + 40.0 * (u[k] - u[k - 1]), -5.0, 5.0)
+    r = replace(record(time_s=t), displacement_mm=u, force_N=np.round(f, digits))
+    assert not limits_of_loops([r], [check_record(r)[1]])

@@ -465,7 +465,7 @@ def test_overrange_is_missing_and_said(signal, code, wide):
         (folder / "a.csv").write_text("Time [s];Weg [mm];Kraft [N]\n" + rows, encoding="utf-8")
         return folder / "a.csv"
 
-    record = back_or_said(write, "lost to gaps")
+    record = back_or_said(write, "dropped")
     if record is None:
         return
     np.testing.assert_allclose(record.displacement_mm, x[~over], atol=1e-6)

@@ -7,6 +7,7 @@ import pytest
 import scipy.io
 
 from bayes_iwan.campaign import CampaignError, read_campaign
+from bayes_iwan.campaign.importing.clock_words import stated_rate
 from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.importer import import_tests, write_tests
 from bayes_iwan.campaign.importing.questions import ImportAsks
@@ -53,7 +54,19 @@ def test_a_start_or_factor_above_a_table_is_said(tmp_path, line):
 
 
 def test_neutral_statements_are_not_said():
-    assert not_applied(["Start time: 10:00:00", "Delay: 0.000 s", "Gain;1;1", "Vertical Scale,0.5", "again 10"]) == ()
+    assert (
+        not_applied(
+            [
+                "Start time: 10:00:00",
+                "T0=01.03.2024 10:00:00",
+                "Delay: 0.000 s",
+                "Gain;1;1",
+                "Vertical Scale,0.5",
+                "again 10",
+            ]
+        )
+        == ()
+    )
 
 
 def test_stamps_of_each_channel_align_them_across_midnight(tmp_path):
@@ -284,3 +297,66 @@ def test_a_tab_in_a_file_name_makes_a_campaign_that_reads(tmp_path):
     tests = import_tests([text(tmp_path / "run\t1.txt", HEADS, T, U, F)])
     write_tests(tests, tmp_path / "campaign")
     assert [x.file for x in read_campaign(tmp_path / "campaign").tests] == ["run_1.csv"]
+
+
+IN_NAMES = (
+    "x2, x10, *2, /2, /10, 2x, gain 100, gain10, G=10, amp 10, scaled 0.1, delayed 4 ms, +4ms, offset 50, -2 samples"
+)
+
+
+@pytest.mark.parametrize("said", IN_NAMES.split(", "))
+def test_a_factor_offset_or_delay_in_a_channels_name_is_said(tmp_path, said):
+    (test,) = import_tests([text(tmp_path / "a.txt", [f"t [s];x [mm];Force {said} [N]"], T, U, F)])
+    assert any(f"'Force {said}' may name a factor, an offset or a delay" in x for x in test.record.warnings)
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    "motion, force",
+    [("x2", "Force 2"), ("Disp x1", "F2"), ("LVDT 3", "Load cell 1/2"), ("Laser x2", "Force 10 kN range")],
+)
+def test_axes_and_numbers_in_names_are_no_factors(tmp_path, motion, force):
+    other = motion[:-1] + "9"  # a kin, which makes of x2 an axis
+    (test,) = import_tests(
+        [text(tmp_path / "a.txt", [f"t [s];{motion} [mm];{force} [N];{other} [V]"], T, U, F, F / 100)],
+    )
+    assert not any("may name" in x for x in test.record.warnings)
+
+
+def test_a_sign_in_a_name_is_decided_by_the_loop(tmp_path):
+    heads = ["t [s];x [mm];Force inverted [N]"]
+    (test,) = import_tests([text(tmp_path / "a.txt", heads, T, U, F)])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+    with pytest.raises(CampaignError, match=r"one channel is reversed.*--reverse force"):
+        import_tests([text(tmp_path / "b.txt", heads, T, U, -F)])
+
+
+@pytest.mark.parametrize("name", ["Peak force", "Force max", "abs(Force)", "Force_rms"])
+def test_what_is_derived_of_a_force_is_asked_for(tmp_path, name):
+    with pytest.raises(ImportAsks, match="No channel is known as force"):
+        import_tests([text(tmp_path / "a.txt", [f"t [s];x [mm];{name} [N]"], T, U, F)])
+
+
+RATES = (
+    "Rate 0.5 kHz", "500 S/s", "Sample time: 0.002", "dt = 2 ms", "Sampling interval 2 ms", "Sampled at 500 Hz",
+    "Samples per second: 500", "Δt: 0.002 s", "Sampling freq. (Hz) 500", "Date: 1.3.2024; Sampling rate: 500 Hz",
+    "Periodo de muestreo: 0,002 s", "Sampling rate;0,5;kHz", "Sample rate: 0.5 кГц", "Sampling rate: 500 1/s",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("line", RATES)
+def test_a_rate_is_read_by_its_label_number_and_unit(line):
+    assert stated_rate([line]) == 500.0
+
+
+NO_RATES = (
+    "FS: 10 kN", "fs 100 N", "Sample 3, 8 Hz", "Data 8 Hz 1.2 mm", "Recorded: 2024-03-01", "Sampling time: 20 s",
+    "NI 9234 51.2 kS/s", "Sample rate: 1 000 Hz", "Sampling rate [Hz];500;250", "500 S/s;100 S/s", "SR 12",
+    "Sampling interval 0.1 mm", "Rate: 0.5 mm/s", "Max. sampling rate: 100 kHz", "Rate: 8 Hz",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("line", NO_RATES)
+def test_what_is_no_rate_of_all_samples_is_asked(line):
+    """10 kN full scale was read as 10 samples a second, the first of several rates as all of them."""
+    assert stated_rate([line]) is None

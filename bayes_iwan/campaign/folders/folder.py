@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.arrays import Array, wrapped
-from bayes_iwan.campaign.loops.averaging import Loop, average, in_band
+from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE, Loop, average, in_band
 from bayes_iwan.campaign.loops.between_tests import compared
-from bayes_iwan.campaign.loops.checks import FEWEST_PER_CYCLE, check_record, check_time, on_grid_of_rate, step_warnings
+from bayes_iwan.campaign.loops.checks import check_record, check_time, on_grid_of_rate, step_warnings
 from bayes_iwan.campaign.loops.resolution import POINTS, points_for
 from bayes_iwan.campaign.recording.limits import RigLimits, limits_of
 from bayes_iwan.campaign.recording.records import ROLES, CampaignError, Record, shown

@@ -26,7 +26,7 @@ LATE = 0.5  # of a record by which one of two clocks may be late and still be it
 _NOT_MEASURED = re.compile(
     r"(?<![^\W_])(error|err|fehler|abweichung|deviation|écart|command|cmd|commanded|setpoint|set[ _-]point|soll|"
     r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse|normal|"
-    r"normalkraft|preload)(?![^\W\d_])",
+    r"normalkraft|preload|abs|rms|peak|max|min|maximum|minimum|envelope|limit)(?![^\W\d_])",
     re.IGNORECASE,
 )
 

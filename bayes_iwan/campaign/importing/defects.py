@@ -20,7 +20,7 @@ FEW_LEVELS = 500  # over a channel's range: fewer are said
 LATTICE = 0.03  # of a step that values may be off its multiples
 #: words of what a file may state of a single channel and nothing here applies: when it starts, what it is multiplied by
 _START = re.compile(
-    r"(?<![^\W_])(t0|delay|latency|skew|(start|time|trigger)[ _-]?offset)(?![^\W\d_])|"
+    r"(?<![^\W_])(t0|delay|latency|skew|(start|time|trigger)[ _-]?offset)(?![^\W\d_])(?!.*\d[-./:]\d\d?[-./:]\d)|"
     r"(?<![^\W_])start\W+[\d.]+ ?(s|ms|us|sec)\b",
     re.IGNORECASE,
 )
@@ -31,9 +31,16 @@ _FACTOR = re.compile(
     r"\W*[=:,;\t] *[\d.]+(e[+-]?\d+)? *([^\W\d]\S*)?$",
     re.IGNORECASE,
 )
-#: within a channel's name: 1000*Force, Force/10, Force x 1e3
-_POWER = r"(10+|1e\d|10\^\d)"
-_IN_NAME = re.compile(rf"(?<!\w){_POWER} ?[*×x](?!\w*\d)|([*×/]|[(\s][x×]) ?{_POWER}\)?$", re.IGNORECASE)
+#: the same within a channel's name: 1000*Force, Force/2, Force x 1e3, gain 10, 4 ms late
+_N = r"\d+(?:[.,]\d+)?(?:e[+-]?\d+|\^\d+)?"
+_IN_NAME = re.compile(
+    rf"(?<![\d\s])\s*[*×·/=] ?({_N})\)?(?!\w)|[^\W_][\s_(]+[x×] ?({_N})(?![^\W_])|"
+    rf"(?<![^\W_])({_N}) ?(?:[*×·]|x(?![^\W_]))|[+] ?({_N})|(?<![^\W_])({_N}) ?(?:[mµu]?s|sec|samples?)(?![^\W_])|"
+    r"^(\d+/\d+)(?=[ *])|"
+    r"(?<![^\W_])(?:gain|factor|faktor|scal\w*|amp\w*|mul\w*|times|mal|by|verst\w*|cal\w*|offset|tare|delay\w*|lag\w*)"
+    rf"[\W_]*({_N})",
+    re.IGNORECASE,
+)
 _NUMBERS = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 
 
@@ -52,12 +59,16 @@ def not_applied(stated: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(out))
 
 
-def named_factor(name: str) -> tuple[str, ...]:
-    """A warning of a factor in a channel's name (1000*Force, Force/10): whether it is applied no file says."""
-    if not _IN_NAME.search(name):
+def stated_in_name(name: str, others: Iterable[str]) -> tuple[str, ...]:
+    """A warning of a factor, offset or delay in a channel's name (Force x10, 4 ms late): whether it is applied no file
+    says. others : all channels' names, which tell an axis or number (Accel x1, Accel x2)."""
+    found = [x for groups in _IN_NAME.findall(name) for x in groups if not re.fullmatch(r"[01]?(?:[.,]0*)?", x)]
+    stem = re.sub(r"[xyz]?\d+", "", name)
+    if not found or any(x != name and re.sub(r"[xyz]?\d+", "", x) == stem for x in others):
         return ()
     return (
-        f"{name!r} names a factor, which is not applied: if it belongs to the numbers, say so with --gain or --unit",
+        f"{name!r} may name a factor, an offset or a delay, which is not applied: if the numbers do not hold it yet, "
+        "say a factor with --gain or --unit, and give a late channel its own time column",
     )
 
 

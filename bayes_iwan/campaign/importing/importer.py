@@ -17,7 +17,7 @@ from bayes_iwan.campaign.importing.channels import NO_TIME, Assigned, assign, ma
 from bayes_iwan.campaign.importing.clocks import Series, counted_on, paired, runs
 from bayes_iwan.campaign.importing.defects import (
     coarse_steps,
-    named_factor,
+    stated_in_name,
     without_codes,
     without_repeats,
     wrapped_round,
@@ -257,7 +257,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             raise CampaignError(f"{where}: {wrapped}")
         raw, held = without_repeats(raw, channel.name)
         values, unit, line = scaled(replace(channel, values=raw), role, recipe, where)
-        warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit), *named_factor(channel.name))
+        warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit))
+        warnings += stated_in_name(channel.name, (x.name for x in recording.channels))
         said.append(line)
         in_units.append(unit)
         if time is found.motion_time and series and (time is not None or _alike(found.motion, found.force)):

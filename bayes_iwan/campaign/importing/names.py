@@ -4,7 +4,8 @@ import re
 
 #: words that begin a word in a channel's name; a letter counts where no word says anything
 WORDS = {
-    "time": r"time|timestamps?|zeit|uhrzeit|temps|tempo|tiempo|tijd|czas|čas|zaman|врем\w+|t|x_value|millis|micros",
+    "time": r"time|date_?time|timestamps?|zeit|uhrzeit|temps|tempo|tiempo|tijd|czas|čas|zaman|врем\w+|t|x_value|"
+    r"millis|micros",
     "displacement": r"disp|displ|displacement|weg|position|pos|stroke|hub|lvdt|laser|auslenkung|verschiebung"
     r"|deplacement|déplacement|spostamento|desplazamiento|angle|winkel|drehwinkel|rotation|x|u|extension"
     r"|перемещ\w+|деформац\w+|verplaatsing|przemieszczenie",

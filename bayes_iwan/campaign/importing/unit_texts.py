@@ -33,11 +33,12 @@ _WORDS = {
     "Nm": "N*m", "NM": "N*m", "mNm": "mN*m", "MNm": "MN*m", "MPA": "MPa", "Mpa": "MPa", "MV": "mV", "Mm": "mm",
     "Ms": "ms", "Min": "min", "kn": "kN", "dan": "daN", "pa": "Pa", "kpa": "kPa", "hz": "Hz", "knm": "kN*m",
     "ncm": "N*cm", "nmm": "N*mm", "lb": "lbf", "lbs": "lbf", "pounds": "lbf", "oz": "ozf", "in": "inch", "kg": "kgf",
-    "kgs": "kgf", "kp": "kgf", "mp": "tf", "kg-f": "kgf", "kg.f": "kgf", "lb-f": "lbf", "gn": "g_0", "gee": "g_0",
-    "gees": "g_0", "g's": "g_0", "grad": "deg", "umdr": "turn", "rev": "turn", "cycle": "count", '"': "inch",
-    "cycles": "count", "mil": "thou", "mils": "thou", "mikrometer": "um", "sek": "s", "sekunden": "s", "secondes": "s",
-    "millisekunden": "ms", "minuten": "min", "stunden": "hour", "std": "hour", "°c": "kelvin", "degc": "kelvin",
-    "мм": "mm", "см": "cm", "м": "m", "мкм": "um", "н": "N", "кн": "kN", "дан": "daN", "кгс": "kgf", "тс": "tf",
+    "kgs": "kgf", "kp": "kgf", "mp": "tf", "tonf": "tf", "kg-f": "kgf", "kg.f": "kgf", "lb-f": "lbf", "gn": "g_0",
+    "gee": "g_0", "gees": "g_0", "g's": "g_0", "grad": "deg", "umdr": "turn", "rev": "turn", "cycle": "count",
+    '"': "inch", "cycles": "count", "mil": "thou", "mils": "thou", "mikrometer": "um", "sek": "s", "sekunden": "s",
+    "secondes": "s", "millisekunden": "ms", "millis": "ms", "micros": "us", "minuten": "min", "stunden": "hour",
+    "std": "hour", "°c": "kelvin", "degc": "kelvin", "мм": "mm", "см": "cm", "м": "m", "мкм": "um",
+    "н": "N", "кн": "kN", "дан": "daN", "кгс": "kgf", "тс": "tf",
     "с": "s", "сек": "s", "мс": "ms", "мкс": "us", "мин": "min", "в": "V", "мв": "mV", "град": "deg", "м/с2": "m/s**2",
     "毫米": "mm", "微米": "um", "秒": "s", "毫秒": "ms", "牛": "N", "千牛": "kN",
 }  # fmt: skip
@@ -213,7 +214,7 @@ def split_name(name: str) -> tuple[str, str]:
         spelt = f"{unit[:-3]}/s2" if unit.endswith("_s2") else unit.replace("_", "*")
         if _bare(stem, spelt):
             return stem, spelt
-    return name, ""
+    return name, name if len(name) > 1 and name.lower() != "min" and may_be(name, "time") else ""  # ms, millis
 
 
 def _bare(stem: str, unit: str) -> bool:

@@ -16,6 +16,7 @@ from bayes_iwan.campaign.timing.corners import CORNERS_GAP, CORNERS_SAMPLES, LEA
 from bayes_iwan.campaign.timing.cycles import MOST_HARMONICS, Cut, cut_cycles
 from bayes_iwan.campaign.timing.harmonics import evaluate, grams, inverse, on_grid, project, to_complex
 
+FEWEST_PER_CYCLE = 8.0  # samples
 SAMPLES_PER_HARMONIC = 0.45  # harmonics resolved per sample of a cycle; 0.5 is Nyquist
 FEWEST_TO_TAPER = 8  # harmonics; a distorted sine has fewer that matter
 #: times what noise hides: the last harmonic of a motion with corners is smaller, since they fall off by the square of
@@ -174,7 +175,7 @@ class Loop:
 def average(record: Record, n_phase: int = 128, n_harmonics: int = MOST_HARMONICS, n_blocks: int = 6) -> Loop:
     """Average the steady cycles of one record; see `Loop` for what comes out.
 
-    Raises CampaignError where the record has fewer than two whole steady cycles.
+    Raises CampaignError where the record has fewer than two whole steady cycles, or too few samples in each.
     """
     if n_phase < 8 or n_harmonics < 1 or n_blocks < 1:
         raise CampaignError(
@@ -183,6 +184,11 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = MOST_HARMONIC
     u, force = record.displacement_mm, record.force_N
     cut = cut_cycles(record.file, record.time_s, u, force)
     n_cycles = cut.cycles.size
+    if (per_cycle := cut.index.size / n_cycles) < FEWEST_PER_CYCLE:
+        raise CampaignError(
+            f"{record.file}: {per_cycle:.1f} samples a cycle; at least {FEWEST_PER_CYCLE:g} are needed or the loop is "
+            "aliased. Sample faster"
+        )
     n_blocks = max(1, min(n_blocks, n_cycles // 2))
     averager = _averager(cut, n_harmonics, n_blocks)
     resolved, index = averager.n_resolved, averager.index

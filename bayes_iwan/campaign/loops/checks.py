@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.loops.averaging import Loop, average
+from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE, Loop, average
 from bayes_iwan.campaign.loops.drift import friction_N, level_record
 from bayes_iwan.campaign.loops.resolution import MOST_POINTS
 from bayes_iwan.campaign.loops.steadiness import disturbances, when
@@ -23,7 +23,6 @@ from bayes_iwan.campaign.timing.harmonics import white_noise
 from bayes_iwan.campaign.timing.period import ALIKE
 
 NOMINAL_TOLERANCE = 0.10
-FEWEST_PER_CYCLE = 8.0
 LATE_SAID = 0.002  # sine of an angle (0.1°) below which a loop that gives out energy changes nothing
 SIGMAS = 3.0  # standard errors: what is less is noise
 REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
@@ -128,7 +127,8 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     record, drifts = level_record(record, loop, line_mm)
     loop = average(record, n_blocks=1) if record is not loop.record else loop
     notes, corners = [*record.warnings, *drifts], _corners(loop)
-    counted = _counted_frequency(record.time_s, loop.frequency_hz)
+    steps = np.diff(record.time_s)  # and the frequency if each were the logger's shortest
+    counted = loop.frequency_hz * float(np.mean(steps) / np.percentile(steps, 5))
     if abs(loop.frequency_hz / record.frequency_hz - 1) > NOMINAL_TOLERANCE >= abs(counted / record.frequency_hz - 1):
         notes.append(
             f"campaign.toml states {record.frequency_hz:.4g} Hz, which counts samples as if their steps were even; by "
@@ -147,12 +147,6 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     hint = " (the force column moves by as much: are the two swapped?)" if swapped else ""
     _near(record, f"amplitude_{unit}", loop.amplitude_mm, record.amplitude_mm, unit, hint)
     index = loop.cut.index
-    per_cycle = index.size / loop.n_cycles
-    if per_cycle < FEWEST_PER_CYCLE:
-        raise CampaignError(
-            f"{record.file}: {per_cycle:.1f} samples a cycle; at least {FEWEST_PER_CYCLE:g} are needed or the loop "
-            "is aliased. Sample faster"
-        )
     notes += _angle(loop)
     notes += corners
     notes += disturbances(loop)
@@ -257,12 +251,6 @@ def _corners(loop: Loop) -> list[str]:
 def _area(u: Array, force: Array) -> float:
     """Area within closed curves of displacement (n,) and force (n,)."""
     return 0.5 * float(np.sum((force + np.roll(force, -1)) * (np.roll(u, -1) - u)))
-
-
-def _counted_frequency(time: Array, frequency_hz: float) -> float:
-    """The frequency of a record with irregular steps if every step were the logger's shortest, in Hz."""
-    steps = np.diff(time)
-    return frequency_hz * float(np.mean(steps) / np.percentile(steps, 5))
 
 
 def _near(record: Record, key: str, found: float, stated: float, unit: str, hint: str = "") -> None:

@@ -87,7 +87,7 @@ def _suspected(record: Record, loop: Loop) -> list[Limit]:
         if span <= 0.0 or steps.min(initial=span) > COARSE * span:
             continue
         for side in (1, -1):
-            share = _resting(side * values, loop.n_cycles)
+            share = _resting(side * values, loop.n_cycles, float(steps.min()))
             if share:
                 level = float(side * np.max(side * values))
                 quiet = channel == "force" and _noise(loop, values, level) > max(steps.min(), LEAST_NOISE * span)
@@ -114,14 +114,14 @@ def _noise(loop: Loop, values: Array, level: float) -> float:
     return 1.4826 * float(np.nanmedian(np.abs(jumps))) / np.sqrt(6.0)
 
 
-def _resting(values: Array, n_cycles: int) -> float:
+def _resting(values: Array, n_cycles: int, step: float) -> float:
     """Share of the time that a channel stays on its highest value in runs, cycle after cycle; 0 where it does not. A
     rounded peak also repeats its top level, but then the levels next to it fill as well."""
     at = values == values.max()
     runs = np.count_nonzero(at[1:] & at[:-1])
     if runs < 2 * n_cycles:
         return 0.0
-    near = np.count_nonzero((values.max() - values < 0.02 * np.ptp(values)) & ~at)
+    near = np.count_nonzero((values.max() - values < 1.5 * step) & ~at)
     return float(at.mean()) if np.count_nonzero(at) > 3 * near else 0.0
 
 
@@ -156,15 +156,17 @@ def _top(loop: Loop, values: Array, side: int) -> Top | None:
     return Top(side * level, stroke, slope, through)
 
 
-def _rail(record: Record, loop: Loop, limit: Limit) -> Top:
-    """The same of the samples that stay on one value."""
-    index, phase = loop.cut.index, loop.averager.phase
-    u = limit.side * np.interp(phase % 1.0, loop.phase, loop.displacement_mm, period=1.0)
-    falls = limit.side * np.interp(phase % 1.0, loop.phase, loop.velocity_m_s, period=1.0) < 0.0
-    at = record.force_N[index] == limit.level
-    whole = float(np.ptp(loop.displacement_mm))
-    lowest = float(np.min(u[at & falls], initial=np.inf))
-    return Top(limit.level, float(np.ptp(u[at])) / whole, np.inf, float(u.max()) - lowest > THROUGH * whole)
+def _left_at_speed(record: Record, loop: Loop, limit: Limit) -> bool:
+    """Does a force leave a level more straight than curved over three samples? So it leaves an amplifier's; friction
+    leaves its plateau as the motion turns, from rest unless that has corners."""
+    force, motion = (limit.side * x[loop.cut.index] for x in (record.force_N, record.displacement_mm))
+    below = limit.side * limit.level - force
+    ends = np.flatnonzero((below[:-4] == 0) & (below[1:-3] > 0))[:, None]
+    u, (first, second, third) = motion[ends + np.arange(-1, 3)], below[ends + np.arange(1, 4)].T
+    turns = loop.corners & (np.max(u[:, 1:3], axis=1) > np.maximum(u[:, 0], u[:, 3]))
+    curve = (third - 2 * second + first) / 2
+    speed = np.sqrt(np.maximum((second - first - curve) ** 2 - 4 * curve * first, 0.0))  # of a parabola at the level
+    return bool(np.median((2 * speed > (third - first) / 2) & ~turns))
 
 
 def _cornered(top: Top) -> bool:
@@ -184,8 +186,10 @@ def _as_an_amplifier(
         return False
     own = next((r, x) for r, x in zip(records, loops) if r.file == one.file)
     top = None
-    if one.channel == "force":
-        top = _rail(*own, one) if one.exact else _top(own[1], own[0].force_N[own[1].cut.index], one.side)
+    if one.channel == "force" and one.exact and not _left_at_speed(*own, one):
+        return False
+    if one.channel == "force" and not one.exact:
+        top = _top(own[1], own[0].force_N[own[1].cut.index], one.side)
     for record, loop in zip(records, loops):
         if record.file != one.file and (one.exact or (top is not None and top.through)):
             continue  # no friction does that: the range was set for this test alone

@@ -285,7 +285,10 @@ def _recording(
         clocks, said, first = _clocks({k: table[k] for k in used if k not in numeric}, names)
         channels, notes, began = channels | clocks, (*notes, *said), first if clocks else began
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
-    return Recording(file, part, kept, notes, rate, not_applied([*above, *beside, *_tabled(above, style)]), began)
+    stated = [
+        x for x in above if not all(name in x for name in names)
+    ]  # what names say, is said of those that are used
+    return Recording(file, part, kept, notes, rate, not_applied([*stated, *beside, *_tabled(above, style)]), began)
 
 
 def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
@@ -293,7 +296,9 @@ def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
     rows = [style.cells(line) for line in above]
     for at, head in enumerate(rows):
         for row in rows[at + 1 :]:
-            yield from (f"{row[0]} {x}: {y}" for x, y in zip(head[1:], row[1:]) if x and style.is_number(y))
+            yield from (
+                f"{row[0]} {x}: {y}" for x, y in zip(head[1:], row[1:]) if style.is_number(y) > style.is_number(x or y)
+            )
 
 
 def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:

@@ -44,8 +44,9 @@ ENCODINGS = (
 NO_TEXT = "no text, and no format that is known by its first bytes; export it as CSV, MAT, TDMS, UFF 58 or Parquet"
 LONGEST_WORD, MOST_WORDS = 40, 200
 #: labels at the head of a row above the table that has a cell for each channel
-_NAMES = re.compile(r"(?:channel|trace|ch|kanal|long|測定ch)[ _-]?(?:names?|名称)|names?|waveform", re.IGNORECASE)
+_NAMES = re.compile(r"(?:channel|trace|ch|kanal|long|測定ch)[ _-]?(?:names?|名称)|names?|kanal|waveform", re.IGNORECASE)
 _UNITS = re.compile(r"(?:v|y|ch\w*)?[ _-]?(?:units?|einheit(?:en)?)|unit[ée]s?|単位|单位", re.IGNORECASE)
+_EDGES = " :=[]"  # of a label
 _OUTSIDE = re.compile(r",(?![^()\[\]]*[)\]])")  # a comma, and not within brackets
 
 
@@ -242,14 +243,18 @@ def _with_remarks(rows: list[list[str]], style: Style, first: int, width: int) -
     """The first row of a table: one with remarks beside its numbers belongs to it, one that is labelled or counts the
     columns, as pandas does, does not."""
     places = [[k for k, c in enumerate(cells) if style.is_number(c)] if len(cells) == width else [] for cells in rows]
-    usual = next(x for x in reversed(places) if x)
+    last = max(k for k, x in enumerate(places) if x)
+    usual = places[last]
     while first and set(usual) <= set(places[first - 1]):
         first -= 1
     cells = [rows[first][k] for k in places[first]]
     counts = len(cells) > 1 and cells in ([str(k + a) for k in range(len(cells))] for a in (0, 1))
     if counts and any(style.decimal in c for c in rows[first + 1]):
         first += 1
-    while places[first] == usual and any(x.fullmatch(rows[first][0].strip(" :=")) for x in (STARTS, STEPS)):
+    while places[first] == usual and (
+        (rows[first][0] and not rows[last][0] and len(usual) == width - 1)  # "Length", 900, 900 above an empty column
+        or any(x.fullmatch(rows[first][0].strip(_EDGES)) for x in (STARTS, STEPS))
+    ):
         first += 1
     return first
 
@@ -272,15 +277,26 @@ def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[st
     if any(names) and (any(units) or words_of_roles(names)):
         return names, _bare(units)
     fitting: list[list[str]] = []
+    below = False
     for line in reversed([line for line in lines if re.search(r"[^\W_]", line)]):
         line = re.sub(rf"^\s*(?!{re.escape(style.separator)}){REMARK}\s*", "", line)
         cells = style.cells(line)
         if style.separator == r"\s+" and len(cells) > width == len(spaced := re.split(r"\t|\s{2,}", line.strip())):
             cells = spaced  # names of several words, or with a unit
+        elif len(cells) != width:  # Time (s) Force (N), or divided by another mark than the numbers
+            ways = (
+                re.findall(r"[^\s(\[]+(?: ?[\[(][^\])]*[\])])?", line),
+                *(Style(x, ".").cells(line) for x in SEPARATORS),
+            )
+            cells = next((x for x in ways if len(x) == width and words_of_roles(x) > 1), cells)
         if len(cells) > width and (whole := _OUTSIDE.split(line)) and len(whole) == width:
             cells = [cell.strip().strip('"') for cell in whole]  # "Position(0,1) (mm)" is one
         while len(cells) > width and not re.search(r"\w", cells[0]):
             cells = cells[1:]  # what marks a remark
+        below = below or (not fitting and len(cells) < width)  # remarks below the names, which then must be such
+        numbers = len(cells) > 1 and all(map(style.is_number, cells[1:])) and not words_of_roles(cells)  # "Mean", 0, 0
+        if not fitting and (numbers or (below and (len(cells) < width or words_of_roles(cells) < 2))):
+            continue
         if len(cells) < width or (len(fitting) and len(cells) < len(fitting[0]) - 1):
             break
         fitting.append(cells)
@@ -310,7 +326,7 @@ def labelled(lines: Sequence[str], style: Style, width: int, label: re.Pattern[s
     """A cell for each column of a row that begins with a label ("Units", mm, N), or stands below it; else nothing."""
     for line, below in zip(lines, [*lines[1:], ""]):
         cells = style.cells(line)
-        if label.fullmatch(cells[0].strip(" :=")) if cells else False:
+        if label.fullmatch(cells[0].strip(_EDGES)) if cells else False:
             beside = any(cells[1:])  # and the column below the label holds times, numbers of rows or nothing
             row = cells[1:] if beside else style.cells(below)
             while len(row) > width and not row[-1]:
@@ -321,12 +337,12 @@ def labelled(lines: Sequence[str], style: Style, width: int, label: re.Pattern[s
 
 
 def _is_units(cells: Sequence[str], style: Style) -> bool:
-    """Whether a row is one of units; of many cells a few may be what no unit is (segments, gpm)."""
+    """Whether a row is one of units; of several cells half may be what no unit is (segments, RN)."""
     # oscilloscopes write a count of samples there besides, or their start and step
     strange = [c for c in cells if not (is_unit(c) or c.lower() == "sequence" or style.is_number(c))]
     if strange:
         others = sum(not named(c, "time") and c.lower().strip(".") != "no" for c in strange)
-        return 3 * others <= len(cells) and sum(role_of(c) is not None or is_volts(c) for c in cells) > 1
+        return 2 * others <= len(cells) and sum(role_of(c) is not None or is_volts(c) for c in cells) > 1
     return any(cells) and not all(map(style.is_number, cells))
 
 
