@@ -15,7 +15,7 @@ from scipy import signal
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Record
-from bayes_iwan.virtual_rig.fault import Acting, Fault, uniform_grid
+from bayes_iwan.virtual_rig.fault import Acting, Fault
 from bayes_iwan.virtual_rig.faults import acting, check_faults, scatter
 from bayes_iwan.virtual_rig.kernel import FaultValues, SpecimenValues, march
 from bayes_iwan.virtual_rig.sensors import Sensors, measure
@@ -139,10 +139,14 @@ _TABLE = 2000  # points of a table of a law, to either side
 def _with_tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance_mm_N: float) -> FaultValues:
     """The kernel's values of what acts, its functions as tables over a range that the motion hardly leaves."""
     q = act.motion
+
+    def to_both_sides(reach: float) -> Array:
+        return np.linspace(-reach, reach, 2 * _TABLE + 1)
+
     for name, law, grid, least in (
-        ("displacement_force", act.displacement_force, uniform_grid(1.5 * amplitude_mm, _TABLE), -np.inf),
-        ("position", act.position_factor, uniform_grid(1.5 * amplitude_mm, _TABLE), 0.05),
-        ("speed_force", act.speed_force, uniform_grid(2.0 * speed_mm_s, _TABLE), -np.inf),
+        ("displacement_force", act.displacement_force, to_both_sides(1.5 * amplitude_mm), -np.inf),
+        ("position", act.position_factor, to_both_sides(1.5 * amplitude_mm), 0.05),
+        ("speed_force", act.speed_force, to_both_sides(2.0 * speed_mm_s), -np.inf),
         ("rate", act.rate_factor, np.linspace(0.0, 4.0 * speed_mm_s, 4 * _TABLE), -np.inf),
         ("fade", act.fade_factor, np.linspace(0.0, 400.0, 4 * _TABLE), 0.05),
     ):
