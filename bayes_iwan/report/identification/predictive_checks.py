@@ -10,6 +10,7 @@ from scipy import special
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.comparison.frequencies import p_text
 from bayes_iwan.comparison.loo import smoothed_log_weights
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.discrepancy import Correlated
@@ -70,7 +71,7 @@ def regions_figure(posterior: Posterior, checks: RegionChecks | None = None) -> 
         "p", [(0.0, RED), (0.05, ORANGE), (0.12, "#FFFFFF"), (0.88, "#FFFFFF"), (1.0, BLUE)]
     )
     p, tests = checks.p_value, [test_name(x) for x in checks.loops]
-    texts, bold = [[f"{x:.2f}" if x >= 0.01 else "< 0.01" for x in row] for row in p], (p < 0.05) | (p > 0.95)
+    texts, bold = [list(map(p_text, row)) for row in p], (p < 0.05) | (p > 0.95)
     numbered_cells(ax, p, texts, tests, REGIONS, bold, cmap=colours, vmin=0, vmax=1, alpha=0.55)
     ax.set_title("chance that the model's own loops miss by more than the measured one", loc="left")
     return figure

@@ -19,7 +19,7 @@ from bayes_iwan.report.identification.predictive import Predictive
 from bayes_iwan.report.identification.predictive_checks import RegionChecks
 from bayes_iwan.report.identification.tables import Compared, LoopRow
 from bayes_iwan.report.identification.where_gap import findings, headline_figure
-from bayes_iwan.report.page import Section
+from bayes_iwan.report.page import Finding, Section
 
 #: what a customer asks of the model first, and in words that need no paper
 _FIRST = {
@@ -70,9 +70,8 @@ class Answer(IdentifiedSection):
     heading, large = "Answer", LARGE_RESIDUAL
 
     @property
-    def found(self) -> list[tuple[str, bool, str]]:
-        every = findings(self.r.posterior, self.r.regions, self.r.by_frequency)
-        return [(x.text, x.good, x.section) for x in every]
+    def found(self) -> list[Finding]:
+        return findings(self.r.posterior, self.r.regions, self.r.by_frequency)
 
     @property
     def fitted(self) -> list[LoopRow]:
