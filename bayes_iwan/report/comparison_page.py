@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.families import DECIDES, LEAST, Comparison
 from bayes_iwan.report.page import Finding, Page, Section, Table, provenance
-from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, on_phone, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, on_phone, one_panel, styled, subplots
 
 
 @styled
@@ -53,8 +53,7 @@ def tests_figure(comparison: Comparison) -> Figure:
     files = [x.file.removesuffix(".gz").removesuffix(".csv") for x in best.posterior.problem.loops]
     pointwise = [e.tests.pointwise for e in entries if e.tests is not None]
     table = np.array(pointwise) - pointwise[0]
-    figure, axes = subplots(1, 1, 7.6, 0.36 * len(entries) + 1.4)
-    ax = axes[0, 0]
+    figure, ax = one_panel(7.6, 0.36 * len(entries) + 1.4)
     reach = max(float(np.quantile(np.abs(table), 0.9)), 1.0)
     texts = [[f"{x:+.1f}".replace("-", "−") if i else "0" for x in row] for i, row in enumerate(table)]
     labels = [e.family.label for e in entries]

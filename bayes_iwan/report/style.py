@@ -254,6 +254,12 @@ def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
 
 
+def one_panel(width: float, height: float) -> tuple[Figure, Axes]:
+    """:func:`subplots` of one panel."""
+    figure, axes = subplots(1, 1, width, height)
+    return figure, axes[0, 0]
+
+
 def panels(
     count: int, columns: int, panel: tuple[float, float], margin: tuple[float, float], least: tuple[float, float],
     **kwargs: Any,

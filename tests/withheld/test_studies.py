@@ -163,8 +163,8 @@ def test_true_shares_of_what_is_named_and_of_all_faults():
     gap_N = {frozenset(k): v for k, v in {"": 0.0, "a": 3.0, "b": 4.0, "ab": 5.0}.items()}
     assert true_gaps.removed(gap_N, frozenset("a")) == pytest.approx({"a": 0.2})
     assert true_gaps.removed(gap_N, frozenset("b")) == pytest.approx({"b": 0.4})
-    assert true_gaps.made(gap_N) == pytest.approx({"a": 0.4, "b": 0.6})
-    assert true_gaps.made({}) == {}
+    assert true_gaps.removed(gap_N, frozenset("ab")) == pytest.approx({"a": 0.4, "b": 0.6})
+    assert true_gaps.removed({}, "a") == {"a": 0.0}
     assert true_gaps.by_set(true_gaps.by_name(gap_N)) == {frozenset(k): v for k, v in gap_N.items()}
 
 

@@ -19,7 +19,7 @@ from bayes_iwan.report.batch.specimens import Batch, Finished
 from bayes_iwan.report.identification.marginals import in_interval, number
 from bayes_iwan.report.identification.summary import QUANTILES
 from bayes_iwan.report.page import Finding, Page, Provenance, Section
-from bayes_iwan.report.style import MEASURED, MODEL, ORANGE, house_style, styled, subplots
+from bayes_iwan.report.style import MEASURED, MODEL, ORANGE, house_style, one_panel, styled, subplots
 
 #: specimens that are named along the axis; of more, every n-th is
 NAMED = 40
@@ -214,9 +214,9 @@ def write_batch_page(result: Batch, out: Path, made: Provenance) -> Path:
 def unusual_figure(result: Batch) -> Figure:
     """Every specimen by its robust distance from the others."""
     shown = result.unusual[:RANKED]
-    figure, axes = subplots(1, 1, 6.4, 0.19 * len(shown) + 0.9)
-    draw_unusual(axes[0, 0], shown)
-    axes[0, 0].set_xlabel("robust distance")
+    figure, ax = one_panel(6.4, 0.19 * len(shown) + 0.9)
+    draw_unusual(ax, shown)
+    ax.set_xlabel("robust distance")
     return figure
 
 

@@ -17,7 +17,7 @@ from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.likelihood import Independent
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.style import BLUE, ORANGE, RED, numbered_cells, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, RED, numbered_cells, one_panel, styled, subplots
 
 _RISING = ("after lower\nreversal", "stretching,\nmid-stroke", "before upper\nreversal")
 REGIONS = (*_RISING, "after upper\nreversal", "shortening,\nmid-stroke", "before lower\nreversal")
@@ -65,8 +65,7 @@ def regions_figure(posterior: Posterior, checks: RegionChecks | None = None) -> 
     """Predictive p-values by test and loop region, the number in each cell; low ones (a gap) orange and bold."""
     checks = region_checks(posterior) if checks is None else checks
     n = len(checks.loops)
-    figure, axes = subplots(1, 1, 7.2, 0.3 * n + 1.2)
-    ax = axes[0, 0]
+    figure, ax = one_panel(7.2, 0.3 * n + 1.2)
     colours = LinearSegmentedColormap.from_list(
         "p", [(0.0, RED), (0.05, ORANGE), (0.12, "#FFFFFF"), (0.88, "#FFFFFF"), (1.0, BLUE)]
     )
