@@ -38,7 +38,7 @@ def elastic_specimen(stiffness_N_mm):
 
 
 def run(specimen, *faults, test=TEST, setup=IDEAL, **more):
-    return simulate.simulate_test(specimen, test, setup=setup, faults=faults, clean=True, **more)
+    return simulate.VirtualRig(specimen, setup, faults).run(test, clean=True, **more)
 
 
 def harmonic(r, h=1, signal=None):
@@ -354,8 +354,7 @@ def test_the_end_does_not_jump_after_reversals():
     for loss in (0.0, 0.1):
         setup = Setup(shaker_compliance_mm_N=4e-3, shaker_loss=loss)
         coarse, fine = (
-            simulate.simulate_test(s, test, setup=setup, clean=True, fidelity=Fidelity(steps, 60))
-            for steps in (1500, 12000)
+            simulate.VirtualRig(s, setup).run(test, fidelity=Fidelity(steps, 60), clean=True) for steps in (1500, 12000)
         )
         stiffness = s.contact_N_mm + s.parallel_N_mm
         change = coarse.force_N - fine.force_N - stiffness * (coarse.displacement_mm - fine.displacement_mm)
