@@ -13,7 +13,7 @@ from scipy import signal
 from bayes_iwan.arrays import Array
 from bayes_iwan.virtual_rig.fault import Acting, Acts, FaultKind, Law, Parameters, Surroundings
 from bayes_iwan.virtual_rig.kernel import FaultValues
-from bayes_iwan.virtual_rig.laws import linear, measuring, uniform
+from bayes_iwan.virtual_rig.law_parts import linear, measuring, uniform
 from bayes_iwan.virtual_rig.sensors import Chain, Transfer
 
 # ---- between sensor and specimen

@@ -14,7 +14,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.virtual_rig.fault import Acting, Acts, FaultKind, Law, Parameters
 from bayes_iwan.virtual_rig.kernel import FaultValues
-from bayes_iwan.virtual_rig.laws import linear, log_uniform, moving, slip_speed, uniform
+from bayes_iwan.virtual_rig.law_parts import linear, log_uniform, moving, slip_speed, uniform
 
 # ---- friction that falls with slip speed
 

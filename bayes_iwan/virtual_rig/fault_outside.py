@@ -28,7 +28,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.virtual_rig.fault import Acting, Acts, Draw, FaultKind, Law, Parameters, Surroundings
 from bayes_iwan.virtual_rig.kernel import FaultValues
-from bayes_iwan.virtual_rig.laws import damper, linear, measuring, moving, slip_speed, spring, uniform
+from bayes_iwan.virtual_rig.law_parts import damper, linear, measuring, moving, slip_speed, spring, uniform
 from bayes_iwan.virtual_rig.sensors import Chain
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.virtual_rig.fault import Acting, Acts, Draw, FaultKind, Law, Parameters, Surroundings
 from bayes_iwan.virtual_rig.kernel import FaultValues
-from bayes_iwan.virtual_rig.laws import damper, linear, log_uniform, spring, uniform
+from bayes_iwan.virtual_rig.law_parts import damper, linear, log_uniform, spring, uniform
 
 
 def _reaching(draw: Draw) -> Draw:

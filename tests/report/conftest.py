@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Campaign, Record, average
-from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow
+from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import Point, laplace_scale, most_probable

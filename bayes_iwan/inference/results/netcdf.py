@@ -18,9 +18,8 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.errors import InputError
 from bayes_iwan.files import write_whole
 from bayes_iwan.fitting.genetic import GlobalOptimum
-from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.results.predictions import replicated
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.solving.point import Point
@@ -100,20 +99,15 @@ def groups(posterior: Posterior) -> dict[str, xarray.Dataset]:
     prior_force = prior_force[None]
     each = np.linspace(0, draws - 1, min(draws, POINTWISE_DRAWS // chains)).round().astype(int)
     point_log = problem.pointwise(posterior.z[:, each].reshape(-1, problem.ndim))
-    stacked = {
-        name: np.stack([getattr(x, name) for x in loops])
-        for name in ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_N", "force_scatter_N", "noise_N")
-    }
+
+    def of_loops(names: str, *along: str) -> dict[str, tuple[tuple[str, ...], Array]]:
+        return {n: (("test", *along), np.array([getattr(x, n) for x in loops], float)) for n in names.split()}
+
+    constant = of_loops("displacement_mm velocity_m_s acceleration_m_s2 force_scatter_N", "phase")
+    constant |= of_loops("noise_N", "harmonic") | of_loops("frequency_hz amplitude_mm offset_mm n_cycles")
     harmonics = np.stack([x.harmonics_N for x in loops])
-    constant: dict[str, tuple[tuple[str, ...], Array]] = {
-        name: (("test", "phase"), stacked[name])
-        for name in ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_scatter_N")
-    }
-    constant["noise_N"] = (("test", "harmonic"), stacked["noise_N"])
-    constant |= {
-        name: (("test",), np.array([getattr(x, name) for x in loops], float))
-        for name in ("frequency_hz", "amplitude_mm", "offset_mm", "n_cycles")
-    }
+    parts = {"real": harmonics.real, "imag": harmonics.imag}
+    observed = {f"harmonics_{part}_N": (("test", "harmonic"), x) for part, x in parts.items()}
     return {
         "posterior": over_draws({n: (q.unit, q.values) for n, q in posterior.quantities().items()}),
         "unconstrained_posterior": over_draws({n: ("-", posterior.z[..., i]) for i, n in enumerate(problem.names)}),
@@ -124,14 +118,7 @@ def groups(posterior: Posterior) -> dict[str, xarray.Dataset]:
         "log_likelihood": xr.Dataset(
             {"data": (("chain", "draw", "datum"), point_log.reshape(chains, len(each), -1))}, {"draw": each}
         ),
-        "observed_data": xr.Dataset(
-            {
-                "force_N": (("test", "phase"), stacked["force_N"]),
-                "harmonics_real_N": (("test", "harmonic"), harmonics.real),
-                "harmonics_imag_N": (("test", "harmonic"), harmonics.imag),
-            },
-            at,
-        ),
+        "observed_data": xr.Dataset(of_loops("force_N", "phase") | observed, at),
         "constant_data": xr.Dataset(constant, at),
     }
 

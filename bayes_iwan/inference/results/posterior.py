@@ -17,7 +17,6 @@ from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency, 
 from bayes_iwan.inference.results.predictions import Prediction, ResidualSize, predicted_at, replicated, residual_size
 from bayes_iwan.inference.results.reach import extrapolated
 from bayes_iwan.inference.results.remarks import remarks
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow, Summary, SummaryRow
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import IdentifySettings
@@ -29,6 +28,57 @@ from bayes_iwan.sampling.convergence import Convergence, convergence_of
 
 if TYPE_CHECKING:
     import pandas
+
+
+@dataclass(frozen=True)
+class ConvergenceRow:
+    """Diagnostics of one parameter; tau in steps of the sampler."""
+
+    name: str
+    ess_bulk: float
+    ess_tail: float
+    r_hat: float
+    tau: float
+
+
+class Summary(tuple["SummaryRow", ...]):
+    """Rows of a summary, shown as a table."""
+
+    #: rows that fit a screen
+    MOST = 36
+
+    def __repr__(self) -> str:
+        wide = max((len(r.name) for r in self), default=0)
+        lines = [f"{'':{wide}s} {'median':>10s} {'5 %':>10s} {'95 %':>10s} {'R-hat':>7s}  unit"]
+        for r in self[: self.MOST]:
+            hat = "" if np.isnan(r.r_hat) else f"{r.r_hat:.3f}"
+            lines.append(f"{r.name:{wide}s} {r.q50:10.4g} {r.q05:10.4g} {r.q95:10.4g} {hat:>7s}  {r.unit}")
+        more = len(self) - self.MOST
+        return "\n".join([*lines, *([f"… and {more} more; all are in summary.csv"] if more > 0 else [])])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
+@dataclass(frozen=True)
+class SummaryRow:
+    """One line of summary.csv.
+
+    q05, q50, q95 : quantiles of the draws: median and 90 % interval. reach : why a number is extrapolated, and what
+    range determines it; empty where the loops reach it (see :mod:`.reach`).
+    """
+
+    name: str
+    unit: str
+    mean: float
+    sd: float
+    q05: float
+    q50: float
+    q95: float
+    ess_bulk: float
+    ess_tail: float
+    r_hat: float
+    reach: str
 
 
 @dataclass(frozen=True, repr=False)
@@ -244,21 +294,11 @@ class Posterior:
         rows = []
         d = None if self.quick else self.diagnostics  # of so short a run they say nothing
         for i, (name, quantity) in enumerate(self.quantities().items()):
-            x = quantity.values
-            low, middle, high = np.quantile(x, [0.05, 0.5, 0.95])
-            rows.append(
-                SummaryRow(
-                    name,
-                    quantity.unit,
-                    float(np.mean(x)),
-                    float(np.std(x, ddof=1)),
-                    float(low),
-                    float(middle),
-                    float(high),
-                    *((np.nan,) * 3 if d is None else (float(d.ess_bulk[i]), float(d.ess_tail[i]), float(d.r_hat[i]))),
-                    self.extrapolated.get(name, ""),
-                )
-            )
+            x, nothing = quantity.values, (np.nan,) * 3
+            found = (np.mean(x), np.std(x, ddof=1), *np.quantile(x, [0.05, 0.5, 0.95]))
+            sampled = nothing if d is None else (d.ess_bulk[i], d.ess_tail[i], d.r_hat[i])
+            why = self.extrapolated.get(name, "")
+            rows.append(SummaryRow(name, quantity.unit, *map(float, (*found, *sampled)), why))
         return Summary(rows)
 
     def residual_size(self, n: int = 400) -> ResidualSize:

@@ -14,8 +14,7 @@ from bayes_iwan.campaign import Loop, read_campaign
 from bayes_iwan.files import clear, write_whole
 from bayes_iwan.fitting.genetic import GlobalOptimum
 from bayes_iwan.inference.results.netcdf import ResultsError, Stored, read_netcdf, write_netcdf
-from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.summary_rows import SummaryRow
+from bayes_iwan.inference.results.posterior import Posterior, SummaryRow
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.models import Simulator
@@ -165,14 +164,8 @@ def load(
     if missing := [name for name in problem.names if name not in stored.draws]:
         raise ResultsError(f"{path}: damaged (no draws of {missing[0]}); identify again")
     z = np.stack([stored.draws[name] for name in problem.names], axis=2)
-    return Posterior(
-        problem=problem,
-        campaign=source,
-        loops=loops,
-        z=z,
-        log_prob=stored.log_prob,
-        **(stored.run | {"simulator_file": file}),
-    )
+    run = stored.run | {"simulator_file": file}
+    return Posterior(problem, source, loops, z, stored.log_prob, **run)
 
 
 def _campaign_of(folder: Path, stored: Stored) -> str | Path:

@@ -7,9 +7,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.frequencies import Frequencies
-from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import SLIP_NAMES
 from bayes_iwan.models.iwan_parameters import embedded_parameters

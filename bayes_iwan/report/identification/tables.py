@@ -11,8 +11,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
 from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency
-from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow
+from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.setup.loop_error import friction_rms_N
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.models.motion import motion_of
