@@ -235,25 +235,8 @@ class Posterior:
         return held_out_frequencies(self.problem, self.point.optima)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
-        """The central interval of a quantity: quantiles of its draws.
-
-        Parameters
-        ----------
-        name
-            of a quantity, as in :meth:`summary`.
-        level
-            probability within.
-
-        Returns
-        -------
-        low, high
-            in the quantity's unit; nan where it has no finite draw.
-
-        Raises
-        ------
-        InputError
-            no quantity of this name.
-        """
+        """The central interval (low, high) of a quantity named as in :meth:`summary`, in its unit: quantiles of its
+        draws; nan where none is finite. Raises InputError where there is no quantity of this name."""
         low, high = self._quantiles(name, 0.5 * (1.0 - level), 0.5 * (1.0 + level))
         return low, high
 
@@ -282,15 +265,8 @@ class Posterior:
         return convergence_of(draws, tuple(named), thin=self.thin)
 
     def summary(self) -> Summary:
-        """Mean, spread, quantiles and diagnostics of every reported quantity.
-
-        Returns
-        -------
-        Summary
-            a tuple of rows, shown as a table: name, unit, mean, sd, q05, q50, q95 of the draws; R-hat and effective
-            sizes, nan for what is fixed and for
-            quick draws; why the quantity is extrapolated, if it is.
-        """
+        """Mean, spread, quantiles and diagnostics of every reported quantity, as rows that show themselves as a table;
+        R-hat and effective sizes are nan for what is fixed and for quick draws."""
         rows = []
         d = None if self.quick else self.diagnostics  # of so short a run they say nothing
         for i, (name, quantity) in enumerate(self.quantities().items()):
@@ -302,18 +278,7 @@ class Posterior:
         return Summary(rows)
 
     def residual_size(self, n: int = 400) -> ResidualSize:
-        """How far the median prediction misses the fitted tests, their mean forces (which drift) left aside.
-
-        Parameters
-        ----------
-        n
-            draws behind the median.
-
-        Returns
-        -------
-        ResidualSize
-            RMS of measured − predicted in N, and its share of the RMS friction force; both beyond noise, too.
-        """
+        """How far the median prediction of n draws misses the fitted tests, their mean forces, which drift, aside."""
         return residual_size(self.problem, self.flat_z(n))
 
     def warnings(self) -> tuple[str, ...]:
@@ -323,27 +288,11 @@ class Posterior:
     def predict(
         self, frequency_hz: float | Array | None, amplitude_mm: float | Array, n: int = 400, samples: int = 128
     ) -> Prediction:
-        """Loops at other frequencies and amplitudes, steady sines.
+        """Loops at other frequencies and amplitudes, steady sines, by n draws; `.band(level)` gives their bands.
 
-        Parameters
-        ----------
-        frequency_hz, amplitude_mm
-            one or several, broadcast against each other to (loops,); a frequency of None where the tests have no clock.
-        n
-            draws.
-        samples
-            points a loop.
-
-        Returns
-        -------
-        Prediction
-            force_N (n, loops, samples), without noise; `.band(level)` gives lower end, median and upper end;
-            `.extrapolated` says what no test was near.
-
-        Raises
-        ------
-        PredictionError
-            not positive, or an amplitude or speed of more than 5 times the largest tested.
+        frequency_hz, amplitude_mm : one or several, broadcast against each other to (loops,); a frequency of None where
+        the tests have no clock. Raises PredictionError for what is not positive, and for an amplitude or speed of more
+        than 5 times the largest tested; warns of what no test was near.
         """
         return predicted_at(self.problem, self.flat_z(n), frequency_hz, amplitude_mm, samples)
 

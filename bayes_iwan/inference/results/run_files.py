@@ -98,42 +98,12 @@ def load(
     campaign: str | os.PathLike[str] | None = None,
     simulator: Simulator | str | os.PathLike[str] | None = None,
 ) -> Posterior:
-    """The posterior that :func:`bayes_iwan.identify` wrote.
+    """The posterior that :func:`bayes_iwan.identify` wrote, equal to it; arguments and errors as of
+    :func:`bayes_iwan.load`.
 
     The campaign is read again from where it was; if it is gone from there, from where it lies as seen from the run's
     folder, so both can be moved together. Where a simulator of one's own was identified, name it: what a result
     names is data, and is never run.
-
-    Parameters
-    ----------
-    folder
-        what was given as `out`.
-    campaign
-        its folder, if that has moved.
-    simulator
-        the model of one's own that was identified, or its Python file (its code is run).
-
-    Returns
-    -------
-    Posterior
-        equal to the one that was written.
-
-    Raises
-    ------
-    ResultsError
-        no result there, a damaged one, or a campaign or version that gives another problem.
-
-    Examples
-    --------
-    >>> import tempfile, bayes_iwan as bi
-    >>> from bayes_iwan.inference.results.run_files import write
-    >>> folder, out = tempfile.mkdtemp(), tempfile.mkdtemp()
-    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
-    >>> posterior = bi.identify(folder, quick=True, seed=1, config={"model": {"slip": "gamma1", "embedded": False}})
-    >>> write(posterior, Path(out))  # as bi.identify(folder, out) and the command line do, page and tables aside
-    >>> again = bi.load(out)
-    >>> again.names == posterior.names, bool((again.z == posterior.z).all())
-    (True, True)
     """
     path = Path(folder) / "posterior.nc"
     if not path.is_file():
