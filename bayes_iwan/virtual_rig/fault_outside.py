@@ -52,9 +52,7 @@ def _base(p: Parameters) -> Acting:
     return Acting(motion=FaultValues(base_k=k, base_mass_kg=mass_kg, base_damping_ratio=p["damping_ratio"]))
 
 
-def _adding(
-    shape: Callable[[Parameters, Array, Array, Array, np.random.Generator], Array],
-) -> Acts:
+def _adding(shape: Callable[[Parameters, Array, Array, Array, np.random.Generator], Array]) -> Acts:
     """What is added to the force: shape(parameters, times, cycles, displacement, random generator)."""
 
     def acts(p: Parameters) -> Acting:

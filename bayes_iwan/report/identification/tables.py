@@ -158,20 +158,7 @@ def held_out_table(held_out: Sequence[HeldOutFrequency]) -> Table:
     return Table("held_out", "What bands hold of each frequency that is held out", columns, rows)
 
 
-_GREEK = {
-    "α": "alpha",
-    "β": "beta",
-    "ε": "varepsilon",
-    "η": "eta",
-    "λ": "lambda",
-    "μ": "mu",
-    "σ": "sigma",
-    "φ": "phi",
-    "χ": "chi",
-    "ℓ": "ell",
-    "∝": "propto",
-    "≥": "geq",
-}
+_GREEK = dict(zip("αβεηλμσφχℓ∝≥", "alpha beta varepsilon eta lambda mu sigma phi chi ell propto geq".split()))
 _TEX_SYMBOL: Mapping[str, str] = {
     "kp": "k_p",
     "F₀": "F_0",
