@@ -93,18 +93,8 @@ def made_up_campaign(tmp_path_factory):
         )[0, 0]
         time = np.arange(8 * 128) / 1280.0
         noise = 0.02 * np.random.default_rng([7, int(10 * amplitude)]).standard_normal(time.size)
-        records.append(
-            Record(
-                f"f10_a{amplitude:g}.csv",
-                10.0,
-                amplitude,
-                "fit",
-                {},
-                time,
-                amplitude * np.sin(20.0 * np.pi * time),
-                np.tile(loop, 8) + noise,
-            )
-        )
+        seen = (time, amplitude * np.sin(20.0 * np.pi * time), np.tile(loop, 8) + noise)
+        records.append(Record(f"f10_a{amplitude:g}.csv", 10.0, amplitude, "fit", {}, *seen))
     folder = tmp_path_factory.mktemp("made_up")
     write_campaign(folder, name="made up", description="", tests=records, compress=False)
     return folder
@@ -342,16 +332,9 @@ def record(frequency_hz, amplitude_mm, force_N, noise_N=0.0, seed=0, cycles=8, n
     n = len(force_N) * cycles
     time = np.arange(n) / (len(force_N) * frequency_hz)
     noise = np.random.default_rng([seed, int(1000 * frequency_hz * amplitude_mm)]).standard_normal(n)
-    return Record(
-        name or f"f{frequency_hz:g}_a{amplitude_mm:g}.csv",
-        frequency_hz,
-        amplitude_mm,
-        "fit",
-        {},
-        time,
-        amplitude_mm * np.sin(2 * np.pi * frequency_hz * time),
-        np.tile(force_N, cycles) + noise_N * noise,
-    )
+    seen = (time, amplitude_mm * np.sin(2 * np.pi * frequency_hz * time), np.tile(force_N, cycles) + noise_N * noise)
+    name = name or f"f{frequency_hz:g}_a{amplitude_mm:g}.csv"
+    return Record(name, frequency_hz, amplitude_mm, "fit", {}, *seen)
 
 
 def loops(noise_N=0.02, seed=0, n_phase=128, tests=TESTS, model=None, values=None):
@@ -379,13 +362,8 @@ def true_z(problem, values=None, **noise):
 def known():
     """Functions and numbers of this file, for the tests."""
 
-    class Known:
-        pass
-
-    out = Known()
-    out.loops, out.record, out.parameter_values, out.true_z = loops, record, parameter_values, true_z
-    out.reference, out.tests = REFERENCE, TESTS
-    return out
+    made = {"loops": loops, "record": record, "parameter_values": parameter_values, "true_z": true_z}
+    return SimpleNamespace(**made, reference=REFERENCE, tests=TESTS)
 
 
 @pytest.fixture(scope="session")

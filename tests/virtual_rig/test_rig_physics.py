@@ -80,10 +80,7 @@ def test_energy_balance_from_rest_with_every_spring():
     turn = np.linspace(0, 2.3, 12000)
     u = 0.3 * np.sin(2 * np.pi * turn) * turn
     s = uniform_specimen(0.8)
-    effects = (
-        Fault("quadratic_stiffness", {"k2_N_mm2": 2.0}),
-        Fault("cubic_stiffness", {"k3_N_mm3": 3.0}),
-    )
+    effects = (Fault("quadratic_stiffness", {"k2_N_mm2": 2.0}), Fault("cubic_stiffness", {"k3_N_mm3": 3.0}))
     q = simulate.kernel_values(s, IDEAL, acting(effects), 10.0, 0.7, 1e-4)
     force, d, lost = march(u, turn - 9, 1e-4, s.stiffness_share, s.slip_share_N, *q)
     work = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(d))])
