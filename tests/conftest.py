@@ -284,21 +284,9 @@ def diagnosed(effect: str | None, plan: str = "grid"):
 
 @pytest.fixture(scope="session")
 def kit():
-    return SimpleNamespace(
-        scales=SCALES,
-        scaled=scaled,
-        small=SMALL,
-        settings=TWO_GAMMAS,
-        parameter_values=parameter_values_of,
-        elastic=elastic,
-        made_up=made_up,
-        force_of=force_of,
-        specimen_force=specimen_force,
-        rig_records=rig_records,
-        campaign_of=campaign_of,
-        diagnosed=diagnosed,
-        reference=Reference(0.9, 0.113),
-    )
+    some = (scaled, elastic, made_up, force_of, specimen_force, rig_records, campaign_of, diagnosed)
+    numbers = {"scales": SCALES, "small": SMALL, "settings": TWO_GAMMAS, "reference": Reference(0.9, 0.113)}
+    return SimpleNamespace(parameter_values=parameter_values_of, **numbers, **{f.__name__: f for f in some})
 
 
 # ---- loops of known numbers, without a campaign folder ----
@@ -307,19 +295,9 @@ TESTS = ((10.0, 0.3), (10.0, 1.0), (15.0, 0.6), (20.0, 1.0))
 REFERENCE = Reference(1.0, 0.12566)
 
 #: Table 1 of the paper, with a softer normal force than its corner at β → 0
-TABLE_1 = {
-    "kp_N_mm": 5.49,
-    "force_zero_N": 0.0,
-    "t1_N": 0.24,
-    "eta1": 0.95,
-    "g1": 0.41,
-    "t2_N": 0.36,
-    "eta2": 5.1,
-    "g2": 0.53,
-    "t3_N": 0.5,
-    "eta3": 4.4,
-    "g3": 0.06,
-}
+TABLE_1 = {"kp_N_mm": 5.49, "force_zero_N": 0.0}
+for _k, _t, _eta, _g in ((1, 0.24, 0.95, 0.41), (2, 0.36, 5.1, 0.53), (3, 0.5, 4.4, 0.06)):
+    TABLE_1 |= {f"t{_k}_N": _t, f"eta{_k}": _eta, f"g{_k}": _g}
 
 
 def parameter_values() -> dict[str, np.ndarray]:

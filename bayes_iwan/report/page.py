@@ -188,7 +188,7 @@ class Body:
         """A table; the first column heads its row.
 
         fold : closed until the reader opens it. sortable : a click on a column's name sorts by it, where the page has
-        the script for it (:meth:`Page.sorting`).
+        the script for it (sort.js).
         """
         rows = [[self._said(cell) if isinstance(cell, str) else cell for cell in row] for row in rows]
         numeric = [bool(rows) and all(_NUMERIC.fullmatch(str(row[i])) for row in rows) for i in range(len(columns))]
@@ -252,10 +252,6 @@ class Page:
         self.scripts.append(source)
         if data_id is not None and data_json is not None:
             self.data.append((data_id, Markup(data_json.replace("<", "\\u003c"))))
-
-    def sorting(self) -> None:
-        """Let readers sort the page's sortable tables."""
-        self.script(asset("sort.js"))
 
     @property
     def policy(self) -> Markup:

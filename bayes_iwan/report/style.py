@@ -213,7 +213,7 @@ def series(index: int) -> dict[str, Any]:
     return {"color": _SERIES[index % len(_SERIES)], "linestyle": _DASHES[index % len(_DASHES)]}
 
 
-def points(index: int) -> dict[str, object]:
+def points(index: int) -> dict[str, Any]:
     """Colour and marker of the index-th of several sets of points."""
     return {"color": _SERIES[index % len(_SERIES)], "marker": _MARKERS[index % len(_MARKERS)]}
 

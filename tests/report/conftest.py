@@ -16,18 +16,8 @@ from bayes_iwan.models import Model, Reference, sine_motion
 from bayes_iwan.sampling.convergence import convergence_of
 
 RATE = 1280.0
-TRUTH = {
-    "kp_N_mm": 5.4,
-    "force_zero_N": 0.0,
-    "k1_N_mm": 15.0,
-    "stiffness_ratio": 0.6,
-    "t1_N": 0.5,
-    "eta1": 2.2,
-    "g1": 1.0,
-    "normal_force_slope": 0.3,
-    "normal_force_rate": 0.07,
-    "beta": 0.6,
-}
+TRUTH = {"kp_N_mm": 5.4, "force_zero_N": 0.0, "k1_N_mm": 15.0, "stiffness_ratio": 0.6, "t1_N": 0.5, "eta1": 2.2}
+TRUTH |= {"g1": 1.0, "normal_force_slope": 0.3, "normal_force_rate": 0.07, "beta": 0.6}
 SETTINGS = settings_of({"model": {"slip": "gamma1", "embedded": False}})
 
 

@@ -216,8 +216,8 @@ class Stored:
 
 def read_netcdf(path: Path) -> Stored:
     """A result as it was written. Raises ResultsError, or anything where the bytes are none of ours."""
-    stored, draws, log_prob = _read(path)
-    stored = {"stretch": 1.0, "simulator_file": "", "campaign_relative": ""} | stored  # of an older one
+    read, draws, log_prob = _read(path)
+    stored: dict[str, Any] = {"stretch": 1.0, "simulator_file": "", "campaign_relative": ""} | read  # of an older one
     if log_prob.ndim != 2 or any(x.shape != log_prob.shape for x in draws.values()):
         raise ResultsError(f"{path}: damaged (draws of several shapes); identify again")
     if not all(np.isfinite(x).all() for x in draws.values()):

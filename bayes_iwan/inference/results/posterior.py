@@ -270,11 +270,12 @@ class Posterior:
         rows = []
         d = None if self.quick else self.diagnostics  # of so short a run they say nothing
         for i, (name, quantity) in enumerate(self.quantities().items()):
-            x, nothing = quantity.values, (np.nan,) * 3
-            found = (np.mean(x), np.std(x, ddof=1), *np.quantile(x, [0.05, 0.5, 0.95]))
-            sampled = nothing if d is None else (d.ess_bulk[i], d.ess_tail[i], d.r_hat[i])
-            why = self.extrapolated.get(name, "")
-            rows.append(SummaryRow(name, quantity.unit, *map(float, (*found, *sampled)), why))
+            x, unit, why = quantity.values, quantity.unit, self.extrapolated.get(name, "")
+            mean, sd = float(np.mean(x)), float(np.std(x, ddof=1))
+            low, middle, high = map(float, np.quantile(x, [0.05, 0.5, 0.95]))
+            sampled = (np.nan,) * 3 if d is None else (d.ess_bulk[i], d.ess_tail[i], d.r_hat[i])
+            bulk, tail, r_hat = map(float, sampled)
+            rows.append(SummaryRow(name, unit, mean, sd, low, middle, high, bulk, tail, r_hat, why))
         return Summary(rows)
 
     def residual_size(self, n: int = 400) -> ResidualSize:

@@ -18,7 +18,7 @@ from bayes_iwan.models.iwan_parameters import default_parameters
 from bayes_iwan.report.batch.specimens import Batch, Finished
 from bayes_iwan.report.identification.marginals import in_interval, number
 from bayes_iwan.report.identification.summary import QUANTILES
-from bayes_iwan.report.page import Finding, Page, Provenance, Section
+from bayes_iwan.report.page import Finding, Page, Provenance, Section, asset
 from bayes_iwan.report.style import MEASURED, MODEL, ORANGE, house_style, one_panel, styled, subplots
 
 #: specimens that are named along the axis; of more, every n-th is
@@ -197,7 +197,7 @@ def write_batch_page(result: Batch, out: Path, made: Provenance) -> Path:
         "sheet.pdf is one page for a customer.",
         made=made,
     )
-    page.sorting()
+    page.script(asset("sort.js"))
     sections = {
         Answer: True,
         Parameters: bool(result.quantities()),
