@@ -15,7 +15,6 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.virtual_rig.kernel import FaultValues
 from bayes_iwan.virtual_rig.sensors import Chain
-from bayes_iwan.virtual_rig.specimen import Specimen
 
 Parameters = Mapping[str, float]
 Function = Callable[[Array], Array]
@@ -69,7 +68,6 @@ class Acting:
 class Surroundings:
     """What the size of a sensible fault depends on: the campaign's motion and forces without it."""
 
-    specimen: Specimen
     frequencies_hz: tuple[float, ...]
     amplitudes_mm: tuple[float, ...]
     record_s: float

@@ -115,9 +115,9 @@ QUADRATIC = FaultKind(
 )  # fmt: skip
 
 
-def _bending(force_N: Callable[[Array, float, float, float], Array]) -> Acts:
-    """A spring that bends at a displacement on either side: force_N(deformation, stiffness of the cube at the reach,
-    that displacement, the reach)."""
+def _with_knee(force_N: Callable[[Array, float, float, float], Array]) -> Acts:
+    """A spring with a knee on either side: force_N(deformation, stiffness of the cube at the reach, place of the knee,
+    reach)."""
 
     def of(d: Array, p: Parameters) -> Array:
         reach = p["reach_mm"]
@@ -135,11 +135,11 @@ def _trilinear(d: Array, k: float, at: float, reach: float) -> Array:
 CUBIC = FaultKind(
     "cubic_stiffness", "k3_N_mm3", linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm**2), (
         Law("cube", spring(lambda d, p: p["k3_N_mm3"] * d**3)),
-        Law("bends", _bending(_trilinear), _reaching(uniform(bend_share=(0.35, 0.65)))),
+        Law("bends", _with_knee(_trilinear), _reaching(uniform(bend_share=(0.35, 0.65)))),
         # a stiffness that fades out at large displacements: the straight part taken off
-        Law("tanh", _bending(lambda d, k, at, reach: k * (d - at * np.tanh(d / at))),
+        Law("tanh", _with_knee(lambda d, k, at, reach: k * (d - at * np.tanh(d / at))),
             _reaching(uniform(bend_share=(0.3, 0.8)))),
-        Law("sinh", _bending(lambda d, k, at, reach: k * (at * np.sinh(d / at) - d) / np.sinh(reach / at)),
+        Law("sinh", _with_knee(lambda d, k, at, reach: k * (at * np.sinh(d / at) - d) / np.sinh(reach / at)),
             _reaching(uniform(bend_share=(0.2, 0.4)))),
     ),
     signed=True,

@@ -54,7 +54,6 @@ def surroundings(rig: VirtualRig, tests: Sequence[PlannedTest]) -> Sound:
     motions = tuple(rig.move(t, i, COARSE) for i, t in enumerate(tests))
     runs = _observed(rig, motions)
     around = Surroundings(
-        specimen=rig.specimen,
         frequencies_hz=tuple(t.frequency_hz for t in tests),
         amplitudes_mm=tuple(t.amplitude_mm for t in tests),
         record_s=float(np.mean([t.cycles / t.frequency_hz for t in tests])),
