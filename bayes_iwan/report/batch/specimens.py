@@ -17,7 +17,7 @@ from bayes_iwan.inference.results.population import Population, SpecimenDraws, p
 from bayes_iwan.report.page import Cell, Table
 
 #: of the draws, as columns call them
-QUANTILES = ("q05", "q50", "q95")
+_QUANTILES = ("q05", "q50", "q95")
 
 
 class BatchError(InputError):
@@ -142,7 +142,7 @@ class Batch:
         words = ["specimen", "state", "message", "cause", "second_cause", "unusual_in", "lot"]
         columns = [*words[:3], "seconds", *words[3:5], "probability", "gap_share", "shrink", "residual_share"]
         columns += ["distance", *words[5:]]
-        columns += [f"{q}_{s}{lot}" for q in sorted(self.quantities()) for lot in ("", "_lot") for s in QUANTILES]
+        columns += [f"{q}_{s}{lot}" for q in sorted(self.quantities()) for lot in ("", "_lot") for s in _QUANTILES]
         ranked = {x.name: x for x in self.unusual}
         rows: list[dict[str, Cell]] = []
         for x in self.finished:
@@ -151,9 +151,9 @@ class Batch:
             if odd := ranked.get(x.name):
                 row |= {"distance": odd.distance, "unusual_in": " ".join(odd.notable)}
             for name, q in x.quantities.items():
-                row |= {f"{name}_{s}": v for s, v in zip(QUANTILES, (q.low, q.median, q.high))}
+                row |= {f"{name}_{s}": v for s, v in zip(_QUANTILES, (q.low, q.median, q.high))}
                 if (lot := self.shrunk.get(name, {}).get(x.name)) and lot.usable:
-                    row |= {f"{name}_{s}_lot": getattr(lot, s) for s in QUANTILES}
+                    row |= {f"{name}_{s}_lot": getattr(lot, s) for s in _QUANTILES}
             rows.append(row)
         rows += [{"specimen": n, "state": "failed", "message": reason} for n, reason in self.failures.items()]
         empty: dict[str, Cell] = {c: "" if c in words else np.nan for c in columns}
