@@ -73,9 +73,8 @@ def simulated(seed: int, index: int, n_sliders: int) -> dict[str, Any]:
     """A sound case of the rig: its averaged loops as recorded, and the truths."""
     case = rig_cases.draw_case(np.random.default_rng([seed, index]), "none", n_sliders=n_sliders)
     tests = tuple(t for t in case.tests if t.role == "fit")
-    at: dict[str, Any] = dict(setup=case.setup, seed=case.seed)
-    loops = [in_band(average(r, **GRID)) for r in rig.records(rig.simulate_tests(case.specimen, tests, **at))]
-    clean = [average(r, **GRID) for r in rig.records(rig.simulate_tests(case.specimen, tests, clean=True, **at))]
+    loops = [in_band(average(r, **GRID)) for r in rig.records(case.rig.run_all(tests))]
+    clean = [average(r, **GRID) for r in rig.records(case.rig.run_all(tests, clean=True))]
     truth = on_fixture(case.specimen, case.setup.fixture_compliance_mm_N)
     truth |= {
         f"dissipated_energy_mJ[{x.file}]": float(loop_energy_mJ(c.displacement_mm, c.force_N))

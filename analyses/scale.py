@@ -40,7 +40,7 @@ from bayes_iwan.inference.results.population import SpecimenDraws, population
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
-from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
+from bayes_iwan.virtual_rig.simulate import PlannedTest, VirtualRig, records, with_noise
 from bayes_iwan.virtual_rig.sizing import size_fault, surroundings
 from bayes_iwan.virtual_rig.specimen import paper_specimen
 from kill_runs import CONFIG, made_up
@@ -119,11 +119,11 @@ def long_record(samples: int) -> Record:
 
 def planted(plan: list[PlannedTest], names: Sequence[str]) -> GapData:
     """A campaign on the virtual rig with these faults planted in the specimen, each at 10 % of the friction force."""
-    specimen, rng = paper_specimen(seed=3), np.random.default_rng(3)
-    sound = surroundings(specimen, plan, seed=3)
-    faults = [size_fault(n, 0.1, specimen, plan, rng, seed=3, sound=sound) for n in names]
-    setup = with_noise(Setup(), 0.005, sound[0].friction_rms_N, sound[0].largest_mm)
-    made = records(simulate_tests(specimen, plan, setup=setup, faults=faults, seed=3))
+    rig, rng = VirtualRig(paper_specimen(seed=3), seed=3), np.random.default_rng(3)
+    sound = surroundings(rig, plan)
+    faults = tuple(size_fault(n, 0.1, rig, plan, rng, sound=sound) for n in names)
+    setup = with_noise(rig.setup, 0.005, sound[0].friction_rms_N, sound[0].largest_mm)
+    made = records(replace(rig, setup=setup, faults=faults).run_all(plan))
     return gap_data([average(r) for r in made])
 
 

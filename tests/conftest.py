@@ -93,18 +93,8 @@ def made_up_campaign(tmp_path_factory):
         )[0, 0]
         time = np.arange(8 * 128) / 1280.0
         noise = 0.02 * np.random.default_rng([7, int(10 * amplitude)]).standard_normal(time.size)
-        records.append(
-            Record(
-                f"f10_a{amplitude:g}.csv",
-                10.0,
-                amplitude,
-                "fit",
-                {},
-                time,
-                amplitude * np.sin(20.0 * np.pi * time),
-                np.tile(loop, 8) + noise,
-            )
-        )
+        seen = (time, amplitude * np.sin(20.0 * np.pi * time), np.tile(loop, 8) + noise)
+        records.append(Record(f"f10_a{amplitude:g}.csv", 10.0, amplitude, "fit", {}, *seen))
     folder = tmp_path_factory.mktemp("made_up")
     write_campaign(folder, name="made up", description="", tests=records, compress=False)
     return folder
@@ -294,21 +284,9 @@ def diagnosed(effect: str | None, plan: str = "grid"):
 
 @pytest.fixture(scope="session")
 def kit():
-    return SimpleNamespace(
-        scales=SCALES,
-        scaled=scaled,
-        small=SMALL,
-        settings=TWO_GAMMAS,
-        parameter_values=parameter_values_of,
-        elastic=elastic,
-        made_up=made_up,
-        force_of=force_of,
-        specimen_force=specimen_force,
-        rig_records=rig_records,
-        campaign_of=campaign_of,
-        diagnosed=diagnosed,
-        reference=Reference(0.9, 0.113),
-    )
+    some = (scaled, elastic, made_up, force_of, specimen_force, rig_records, campaign_of, diagnosed)
+    numbers = {"scales": SCALES, "small": SMALL, "settings": TWO_GAMMAS, "reference": Reference(0.9, 0.113)}
+    return SimpleNamespace(parameter_values=parameter_values_of, **numbers, **{f.__name__: f for f in some})
 
 
 # ---- loops of known numbers, without a campaign folder ----
@@ -317,19 +295,9 @@ TESTS = ((10.0, 0.3), (10.0, 1.0), (15.0, 0.6), (20.0, 1.0))
 REFERENCE = Reference(1.0, 0.12566)
 
 #: Table 1 of the paper, with a softer normal force than its corner at β → 0
-TABLE_1 = {
-    "kp_N_mm": 5.49,
-    "force_zero_N": 0.0,
-    "t1_N": 0.24,
-    "eta1": 0.95,
-    "g1": 0.41,
-    "t2_N": 0.36,
-    "eta2": 5.1,
-    "g2": 0.53,
-    "t3_N": 0.5,
-    "eta3": 4.4,
-    "g3": 0.06,
-}
+TABLE_1 = {"kp_N_mm": 5.49, "force_zero_N": 0.0}
+for _k, _t, _eta, _g in ((1, 0.24, 0.95, 0.41), (2, 0.36, 5.1, 0.53), (3, 0.5, 4.4, 0.06)):
+    TABLE_1 |= {f"t{_k}_N": _t, f"eta{_k}": _eta, f"g{_k}": _g}
 
 
 def parameter_values() -> dict[str, np.ndarray]:
@@ -342,16 +310,9 @@ def record(frequency_hz, amplitude_mm, force_N, noise_N=0.0, seed=0, cycles=8, n
     n = len(force_N) * cycles
     time = np.arange(n) / (len(force_N) * frequency_hz)
     noise = np.random.default_rng([seed, int(1000 * frequency_hz * amplitude_mm)]).standard_normal(n)
-    return Record(
-        name or f"f{frequency_hz:g}_a{amplitude_mm:g}.csv",
-        frequency_hz,
-        amplitude_mm,
-        "fit",
-        {},
-        time,
-        amplitude_mm * np.sin(2 * np.pi * frequency_hz * time),
-        np.tile(force_N, cycles) + noise_N * noise,
-    )
+    seen = (time, amplitude_mm * np.sin(2 * np.pi * frequency_hz * time), np.tile(force_N, cycles) + noise_N * noise)
+    name = name or f"f{frequency_hz:g}_a{amplitude_mm:g}.csv"
+    return Record(name, frequency_hz, amplitude_mm, "fit", {}, *seen)
 
 
 def loops(noise_N=0.02, seed=0, n_phase=128, tests=TESTS, model=None, values=None):
@@ -379,13 +340,8 @@ def true_z(problem, values=None, **noise):
 def known():
     """Functions and numbers of this file, for the tests."""
 
-    class Known:
-        pass
-
-    out = Known()
-    out.loops, out.record, out.parameter_values, out.true_z = loops, record, parameter_values, true_z
-    out.reference, out.tests = REFERENCE, TESTS
-    return out
+    made = {"loops": loops, "record": record, "parameter_values": parameter_values, "true_z": true_z}
+    return SimpleNamespace(**made, reference=REFERENCE, tests=TESTS)
 
 
 @pytest.fixture(scope="session")

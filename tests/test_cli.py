@@ -232,29 +232,13 @@ def test_the_report_holds_the_frequencies_alone(tmp_path, made_up_campaign, shor
     slow = [x.record for x in read_campaign(made_up_campaign).loops()]
     # the same loops at twice the speed; a rate-independent specimen, and noise of their own: no copies
     noise = np.random.default_rng(9)
-    fast = [
-        replace(
-            x,
-            file=x.file.replace("f10", "f20"),
-            frequency_hz=20.0,
-            time_s=0.5 * x.time_s,
-            force_N=x.force_N + 0.002 * noise.standard_normal(x.force_N.size),
-        )
-        for x in slow
-    ]
+    fast = [replace(x, file=x.file.replace("f10", "f20"), frequency_hz=20.0, time_s=0.5 * x.time_s) for x in slow]
+    fast = [replace(x, force_N=x.force_N + 0.002 * noise.standard_normal(x.force_N.size)) for x in fast]
     write_campaign(tmp_path / "campaign", name="made up", description="", tests=[*slow, *fast], compress=False)
     names, one, run = {"f10Hz", "f20Hz"}, "f10Hz", inside.identify_problem
     out = tmp_path / "out"
-    arguments = [
-        "identify",
-        str(tmp_path / "campaign"),
-        "--out",
-        str(out),
-        "--config",
-        str(short_config),
-        "--seed",
-        "1",
-    ]
+    arguments = ["identify", str(tmp_path / "campaign"), "--out", str(out), "--seed", "1"]
+    arguments += ["--config", str(short_config)]
 
     def alone() -> set[str]:
         lines = (out / "tables" / "per_frequency.csv").read_text().splitlines()[1:]

@@ -1,12 +1,8 @@
 """A fixed sample of analyses/fuzz.py: damaged files of every kind are refused in one line or read, and nothing else."""
 
 import os
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "analyses"))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the readers run in a forked process")

@@ -29,18 +29,10 @@ DEFECT = 70
 
 #: in the order in which the help lists them
 COMMANDS: list[Command] = [
-    campaigns.run_import,
-    campaigns.run_check,
-    campaigns.run_inspect,
-    modelling.run_identify,
-    modelling.run_report,
-    modelling.run_compare,
-    modelling.run_diagnose,
-    modelling.run_export,
-    modelling.run_batch,
-    withheld.run_make,
-    withheld.run_answer,
-    withheld.run_score,
+    *(campaigns.run_import, campaigns.run_check, campaigns.run_inspect),
+    *(modelling.run_identify, modelling.run_report, modelling.run_compare),
+    *(modelling.run_diagnose, modelling.run_export, modelling.run_batch),
+    *(withheld.run_make, withheld.run_answer, withheld.run_score),
 ]
 
 

@@ -66,11 +66,7 @@ def going_on(args: argparse.Namespace, words: Sequence[str]) -> str:
         action="store_true",
         help="keep DIR/chains.ckpt, with every draw, when converged (default: DIR/posterior.nc with a few thousand)",
     ),
-    argument(
-        "--quick",
-        action="store_true",
-        help="optimum and first draws, not asked whether they have converged",
-    ),
+    argument("--quick", action="store_true", help="optimum and first draws, not asked whether they have converged"),
     SIMULATOR,
     workers(f"{CHAINS_IN} where there are as many cores; 1 with --per-test"),
     examples=(

@@ -5,6 +5,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -46,69 +47,36 @@ class Family:
         return make_problem(loops, replace(mine, parameters=chosen), self.simulator)
 
 
-FAMILIES: dict[str, Family] = {
-    f.name: f
-    for f in (
-        Family("gamma3", "the paper's model: three gammas, Eqs. 11, 12"),
-        Family("gamma2", "two-gamma slip forces", ModelSettings(slip="gamma2"), "Are three gammas better than two?"),
-        Family("gamma1", "one-gamma slip forces", ModelSettings(slip="gamma1"), "Are three gammas better than one?"),
-        Family(
-            "uniform",
-            "uniform slip forces",
-            ModelSettings(slip="uniform"),
-            "Are three gammas better than a uniform distribution?",
-        ),
-        Family(
-            "gaussian",
-            "Gaussian slip forces",
-            ModelSettings(slip="gaussian"),
-            "Are three gammas better than a Gaussian distribution?",
-        ),
-        Family(
-            "power_law",
-            "power-law slip forces",
-            ModelSettings(slip="power_law"),
-            "Are three gammas better than a power law?",
-        ),
-        Family(
-            "no_speed",
-            "normal force without speed",
-            ModelSettings(normal_force="hunt_crossley_no_speed"),
-            "Does the speed term of the normal force pay?",
-        ),
-        Family(
-            "constant_normal_force",
-            "constant normal force (classical Iwan)",
-            ModelSettings(normal_force="constant", stiffness="constant"),
-            "Does a normal force that varies pay at all?",
-        ),
-        Family("polynomial2", "normal force a quadratic in u", ModelSettings(normal_force="polynomial2")),
-        Family(
-            "polynomial3",
-            "normal force a cubic in u",
-            ModelSettings(normal_force="polynomial3"),
-            "Is Eq. (11) better than a cubic polynomial?",
-        ),
-        Family(
-            "constant_stiffness",
-            "element stiffness constant",
-            ModelSettings(stiffness="constant"),
-            "Does a stiffness that depends on the normal force pay?",
-        ),
-        Family(
-            "bouc_wen",
-            "Bouc–Wen",
-            simulator=OTHER_MODELS["bouc_wen"],
-            asks="Is the generalized Iwan model better than Bouc–Wen?",
-        ),
-        Family(
-            "generalized_bouc_wen",
-            "generalized Bouc–Wen, asymmetric",
-            simulator=OTHER_MODELS["generalized_bouc_wen"],
-            asks="Is it better than an asymmetric generalized Bouc–Wen model?",
-        ),
-    )
-}
+def _iwan(name: str, label: str, asks: str = "", **parts: Any) -> Family:
+    return Family(name, label, ModelSettings(**parts), asks)
+
+
+def _other(name: str, label: str, asks: str) -> Family:
+    return Family(name, label, asks=asks, simulator=OTHER_MODELS[name])
+
+
+_NO_SPEED = {"normal_force": "hunt_crossley_no_speed"}
+_CLASSICAL = {"normal_force": "constant", "stiffness": "constant"}
+_ALL = (
+    _iwan("gamma3", "the paper's model: three gammas, Eqs. 11, 12"),
+    _iwan("gamma2", "two-gamma slip forces", "Are three gammas better than two?", slip="gamma2"),
+    _iwan("gamma1", "one-gamma slip forces", "Are three gammas better than one?", slip="gamma1"),
+    _iwan("uniform", "uniform slip forces", "Are three gammas better than a uniform distribution?", slip="uniform"),
+    _iwan("gaussian", "Gaussian slip forces", "Are three gammas better than a Gaussian distribution?", slip="gaussian"),
+    _iwan("power_law", "power-law slip forces", "Are three gammas better than a power law?", slip="power_law"),
+    _iwan("no_speed", "normal force without speed", "Does the speed term of the normal force pay?", **_NO_SPEED),
+    _iwan("constant_normal_force", "constant normal force (classical Iwan)",
+          "Does a normal force that varies pay at all?", **_CLASSICAL),
+    _iwan("polynomial2", "normal force a quadratic in u", normal_force="polynomial2"),
+    _iwan("polynomial3", "normal force a cubic in u", "Is Eq. (11) better than a cubic polynomial?",
+          normal_force="polynomial3"),
+    _iwan("constant_stiffness", "element stiffness constant",
+          "Does a stiffness that depends on the normal force pay?", stiffness="constant"),
+    _other("bouc_wen", "Bouc–Wen", "Is the generalized Iwan model better than Bouc–Wen?"),
+    _other("generalized_bouc_wen", "generalized Bouc–Wen, asymmetric",
+           "Is it better than an asymmetric generalized Bouc–Wen model?"),
+)  # fmt: skip
+FAMILIES: dict[str, Family] = {family.name: family for family in _ALL}
 
 #: standard errors of a difference, and the difference itself (nats), below which nothing is decided
 DECIDES, LEAST = 2.0, 4.0

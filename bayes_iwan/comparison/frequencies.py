@@ -74,24 +74,30 @@ class Frequencies:
         """Mean frequency of each group."""
         return np.array([np.mean([x.frequency_hz for x in loops]) for loops in self.groups.values()])
 
+    @property
+    def agree(self) -> bool:
+        """Whether differences between them are such as the joint model expects."""
+        return self.overall >= 0.05
+
     def statement(self) -> str:
         """What the checks say, in words."""
         if len(self.groups) < 2:
             return "All tests are of one frequency: whether parameters wander with frequency cannot be seen."
         worst = min(self.checks, key=lambda c: c.p_value)
-        if self.overall < 0.05:
+        if not self.agree:
             named = ", ".join(c.name for c in sorted(self.checks, key=lambda c: c.p_value) if c.p_value < 0.05)
             return (
-                f"The frequencies do not agree (posterior check p = {_p(self.overall)}): {named or worst.name} "
+                f"The frequencies do not agree (posterior check p = {p_text(self.overall)}): {named or worst.name} "
                 "changes with frequency by more than the joint model allows. An effect is missing."
             )
         return (
             f"The frequencies agree: differences between them are such as the joint model expects (posterior check "
-            f"p = {_p(self.overall)}; the furthest apart is {worst.name}, p = {_p(worst.p_value)})."
+            f"p = {p_text(self.overall)}; the furthest apart is {worst.name}, p = {p_text(worst.p_value)})."
         )
 
 
-def _p(value: float) -> str:
+def p_text(value: float) -> str:
+    """A p-value as it is said."""
     return f"{value:.2f}" if value >= 0.01 else "< 0.01"
 
 

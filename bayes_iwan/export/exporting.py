@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from dataclasses import replace
@@ -13,7 +14,7 @@ import numpy as np
 
 from bayes_iwan.campaign import Campaign, read_campaign
 from bayes_iwan.errors import nearest
-from bayes_iwan.export import c_code, fmu, json_file, multibody, opensees
+from bayes_iwan.export import c_code, fmu, json_file, opensees
 from bayes_iwan.export.card import Card, card_of
 from bayes_iwan.export.device import Device, ExportError, Source, device_of
 from bayes_iwan.files import finite, reading, swapped, write_whole
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from bayes_iwan.diagnosis.fits.evidence import Fit
 
 TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")
+MUJOCO, PLUGIN, DRAKE = "isolator_mujoco.py", "isolator_plugin.c", "isolator_drake.py"
 CARD_TEXT, CARD_JSON = "model_card.txt", "model_card.json"
 PathLike = str | os.PathLike[str]
 
@@ -97,7 +99,8 @@ def export(
 
 
 #: what any target writes
-OWN = {c_code.NAME, "isolator.py", *fmu.NAMES, *multibody.NAMES, *opensees.NAMES, json_file.NAME, CARD_TEXT, CARD_JSON}
+OWN = {c_code.NAME, "isolator.py", *fmu.NAMES, MUJOCO, PLUGIN, DRAKE, *opensees.NAMES}
+OWN |= {json_file.NAME, CARD_TEXT, CARD_JSON}
 
 
 def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[dict[str, str | bytes], Card]:
@@ -116,13 +119,30 @@ def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[
         card = replace(card, discretisation=opensees.DISCRETISATION, step=opensees.STEP)
         springs, notes = opensees.files(device, problem, source.z, card, approximate=approximate, error=error)
         return {**springs}, replace(card, target=notes)
-    beside = {"fmu": fmu.files, "mujoco": multibody.mujoco_files, "drake": multibody.drake_files}
-    more, notes = beside[to](device, card) if to in beside else ({}, ())
+    more, notes = fmu.files(device, card) if to == "fmu" else _around_the_step(device, to)
     card = replace(card, target=notes)
     files = {c_code.NAME: c_code.c_source(device, card.text())} | more
     if to != "fmu":
         files["isolator.py"] = c_code.filled(c_code.template("isolator.py"), {"SETS": str(device.sets)})
     return files, card
+
+
+def _around_the_step(device: Device, to: str) -> tuple[dict[str, str | bytes], tuple[str, ...]]:
+    """What a target has beside isolator.c and isolator.py, and what the card says of it."""
+    if to == "mujoco":  # a passive force by Python's callback, and the source of a plugin in C
+        # two devices in one scene are two plugins
+        name = f"bayes_iwan.{hashlib.sha256(c_code.c_source(device, '').encode()).hexdigest()[:8]}"
+        plugin = c_code.filled(c_code.template(PLUGIN), {"NAME": name})
+        return {MUJOCO: c_code.template(MUJOCO), PLUGIN: plugin}, (
+            "isolator_mujoco.py: a force on a joint or tendon (mujoco 3 or later); isolator_plugin.c: the same as a "
+            f"plugin, {name}, for joints, its memory in mjData; the stretch is measured from the model's qpos0",
+        )
+    if to == "drake":  # a LeafSystem with discrete state
+        return {DRAKE: c_code.template(DRAKE)}, (
+            "isolator_drake.py: IsolatorSystem, input motion (m, m/s, m/s2), output force (N); its memory is discrete "
+            "state, updated every step_s",
+        )
+    return {}, ()
 
 
 def source_of(

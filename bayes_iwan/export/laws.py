@@ -51,6 +51,17 @@ class Law:
     note: str = ""
 
 
+def law(
+    *,
+    states: Mapping[str, tuple[int, float]] | None = None,
+    numbers: Callable[[Effect, ParameterValues, Range], dict[str, Array]] | None = None,
+    note: str = "",
+    **stages: str,
+) -> Law:
+    """A law by its C at each stage."""
+    return Law(stages=stages, states=states or {}, numbers=numbers, note=note)
+
+
 #: the states of `half_cycle`
 CYCLE_STATES = {f"cycle_{n}": (1, 0.0) for n in ("way", "far_mm", "far_s", "turn_mm", "turn_s", "amplitude_mm", "hz")}
 
@@ -102,180 +113,144 @@ _COUNTED = (
 )
 
 LAWS: dict[type[Effect], Law] = {
-    specimen_forces.ViscousDamping: Law(
-        stages={
-            "force": """{
+    specimen_forces.ViscousDamping: law(
+        force="""{
     const double slow = $thinning_m_s * $thinning_m_s, thinned = (slow + v * v) / (slow + p->speed_m_s * p->speed_m_s);
     const double way = (v > 0.0 ? 1.0 : (v < 0.0 ? -1.0 : 0.0)) + $one_way;
     force += $c_N_s_mm * 1e3 * fabs(v) * power_of(thinned, 0.5 * ($exponent - 1.0)) * way;
 }"""
-        }
     ),
-    specimen_forces.MaxwellBranch: Law(
-        stages={
-            "force": f"""{{
+    specimen_forces.MaxwellBranch: law(
+        force=f"""{{
     int i;
     for (i = 0; i < {BRANCHES}; i++) {{
         @q_N[i] = relaxed(0.0, 0.0, @q_N[i], h, $tau_s[i])
                   + $k_N_mm[i] * (u - s->u_mm) * (1.0 - relaxed(1.0, 0.0, 0.0, h, $tau_s[i]));
         force += @q_N[i];
     }}
-}}"""
-        },
+}}""",
         states={"q_N": (BRANCHES, 0.0)},
         numbers=branches,
         note=f"a spread of relaxation times is {BRANCHES} branches, fitted from 1/100 of the lowest to 30 times the "
         "highest tested frequency",
     ),
-    specimen_forces.MovingMass: Law(
-        stages={
-            "force": """{
+    specimen_forces.MovingMass: law(
+        force="""{
     if ($period_s > 1e-9) {
         resonance(2.0 * 3.14159265358979323846 / $period_s, $damping, h, s->a_m_s2, a, &@y, &@speed);
     } else {
         @y = a;
     }
     force += $m_kg * @y;
-}"""
-        },
+}""",
         states={"y": (1, 0.0), "speed": (1, 0.0)},
     ),
-    specimen_forces.QuadraticStiffness: Law(
-        stages={
-            "force": "force += $k2_N_mm2 * p->length_mm * p->length_mm * power_of(u / p->length_mm, $exponent)\n"
-            "         * (1.0 + $one_sided * (u > 0.0 ? 1.0 : (u < 0.0 ? -1.0 : 0.0)));"
-        }
+    specimen_forces.QuadraticStiffness: law(
+        force="force += $k2_N_mm2 * p->length_mm * p->length_mm * power_of(u / p->length_mm, $exponent)\n"
+        "         * (1.0 + $one_sided * (u > 0.0 ? 1.0 : (u < 0.0 ? -1.0 : 0.0)));"
     ),
-    specimen_forces.CubicStiffness: Law(
-        stages={
-            "force": "force += $k3_N_mm3 * p->length_mm * p->length_mm * p->length_mm * (u < 0.0 ? -1.0 : 1.0)\n"
-            "         * power_of(u / p->length_mm, $exponent);"
-        }
+    specimen_forces.CubicStiffness: law(
+        force="force += $k3_N_mm3 * p->length_mm * p->length_mm * p->length_mm * (u < 0.0 ? -1.0 : 1.0)\n"
+        "         * power_of(u / p->length_mm, $exponent);"
     ),
-    specimen_forces.TrilinearStiffness: Law(
-        stages={
-            "force": "force += $k3_N_mm3 * p->length_mm * p->length_mm * p->length_mm * (u < 0.0 ? -1.0 : 1.0)\n"
-            "         * beyond(fabs(u) / p->length_mm, $knee, $width) / beyond(1.0, $knee, $width);"
-        }
+    specimen_forces.TrilinearStiffness: law(
+        force="force += $k3_N_mm3 * p->length_mm * p->length_mm * p->length_mm * (u < 0.0 ? -1.0 : 1.0)\n"
+        "         * beyond(fabs(u) / p->length_mm, $knee, $width) / beyond(1.0, $knee, $width);"
     ),
-    specimen_forces.EndStop: Law(
-        stages={
-            "force": """{
+    specimen_forces.EndStop: law(
+        force="""{
     const double side = $k_N_mm < 0.0 ? -1.0 : 1.0;
     force += $k_N_mm * contact(side * u - $clearance_mm, side * v, 0.1 * p->length_mm, $exponent, $loss_s_m);
 }"""
-        }
     ),
-    specimen_forces.EndStops: Law(
-        stages={
-            "force": """{
+    specimen_forces.EndStops: law(
+        force="""{
     const double side = u < 0.0 ? -1.0 : 1.0;
     force += $k_N_mm * side * contact(fabs(u) - $clearance_mm, side * v, 0.1 * p->length_mm, $exponent, $loss_s_m);
 }"""
-        }
     ),
-    friction.StribeckWeakening: Law(
-        stages={
-            "slip": _SLOW_SPEED + "    slip *= 1.0 - $drop\n"
-            "        * (1.0 - falling(power_of(fmax(@speed_m_s, 0.0) / $v_s_m_s, $exponent), $tail));"
-        },
+    friction.StribeckWeakening: law(
+        slip=_SLOW_SPEED + "    slip *= 1.0 - $drop\n"
+        "        * (1.0 - falling(power_of(fmax(@speed_m_s, 0.0) / $v_s_m_s, $exponent), $tail));",
         states=_SPEED_STATES,
     ),
-    friction.RateStrengthening: Law(
-        stages={"slip": _SLOW_SPEED + "    slip *= 1.0 + $c * growing(fmax(@speed_m_s, 0.0) / $v0_m_s, $power);"},
+    friction.RateStrengthening: law(
+        slip=_SLOW_SPEED + "    slip *= 1.0 + $c * growing(fmax(@speed_m_s, 0.0) / $v0_m_s, $power);",
         states=_SPEED_STATES,
     ),
-    friction.FrictionFade: Law(
-        stages={
-            "before": f"""if (turned) {{
+    friction.FrictionFade: law(
+        before=f"""if (turned) {{
     const double per_mm = {_PER_MM};
     @x += 0.5 * pow(s->cycle_amplitude_mm / p->length_mm, $by_stroke) / $cycles
           / pow(per_mm * p->length_mm, $by_time);
     @level = pow(per_mm * s->cycle_amplitude_mm, $by_power);
     @left = fmax(1.0 - $drop * @level * (1.0 - falling(@x, $tail)) * exp(-$recovery * @x), 0.05);
 }}""",
-            "stiffness": "k *= pow(@left, $of_stiffness);",
-            "slip": "slip *= @left;",
-        },
+        stiffness="k *= pow(@left, $of_stiffness);",
+        slip="slip *= @left;",
         states={"x": (1, 0.0), "level": (1, 1.0), "left": (1, 1.0)},
         note=_COUNTED,
     ),
-    friction.SpringSoftening: Law(
-        stages={
-            "before": f"""if (turned) {{
+    friction.SpringSoftening: law(
+        before=f"""if (turned) {{
     const double per_mm = {_PER_MM};
     @x += 0.5 * pow(per_mm * p->length_mm, $by_cycles) / (s->cycle_hz * $tau_s);
     @level = pow(per_mm * s->cycle_amplitude_mm, $by_power)
              * pow(s->cycle_amplitude_mm / p->length_mm, $by_amplitude);
     @left = fmax(1.0 - $drop * @level * (1.0 - falling(@x, $tail)), 0.05);
 }}""",
-            "stiffness": "k *= @left;",
-            "force": "force -= (1.0 - @left) * p->kp_N_mm * u;",
-        },
+        stiffness="k *= @left;",
+        force="force -= (1.0 - @left) * p->kp_N_mm * u;",
         states={"x": (1, 0.0), "level": (1, 1.0), "left": (1, 1.0)},
         note=_COUNTED,
     ),
-    friction.DirectionDependentFriction: Law(stages={"asymmetry": "$asymmetry"}),
-    friction.DirectionDependentNormalForce: Law(stages={"alpha": "alpha *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"}),
-    friction.DirectionDependentSlip: Law(stages={"slip": "slip *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"}),
-    lag.NormalForceLag: Law(
-        stages={"alpha": _LATE + "    @before = alpha;\n    alpha = @late;\n}"}, states=_LATE_STATES
-    ),
-    lag.NormalForceLagFromStart: Law(
-        stages={
-            "alpha": _LATE
-            + """    @slow = relaxed(alpha, @before, @slow, h, $tau_s * $slow_ratio);
+    friction.DirectionDependentFriction: law(asymmetry="$asymmetry"),
+    friction.DirectionDependentNormalForce: law(alpha="alpha *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"),
+    friction.DirectionDependentSlip: law(slip="slip *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"),
+    lag.NormalForceLag: law(alpha=_LATE + "    @before = alpha;\n    alpha = @late;\n}", states=_LATE_STATES),
+    lag.NormalForceLagFromStart: law(
+        alpha=_LATE
+        + """    @slow = relaxed(alpha, @before, @slow, h, $tau_s * $slow_ratio);
     @before = alpha;
     @start_left *= exp(-h / fmax($tau_s * $slow_ratio, 1e-15));
     alpha = @late + $slow_share * (@slow - @late) + $start * @start_left;
-}"""
-        },
+}""",
         states={**_LATE_STATES, "slow": (1, 1.0), "start_left": (1, 1.0)},
         note="the simulation's start is a record's start",
     ),
-    mounting.FreePlay: Law(
-        stages={
-            "specimen": """if ($play_mm > 0.0) {
+    mounting.FreePlay: law(
+        specimen="""if ($play_mm > 0.0) {
     force = through_play(p, s, h, u, v, 0.5 * $play_mm, 0.5 * $play_mm * $softness);
 } else {
     force = specimen(p, s, h, u, v);
-}"""
-        },
+}""",
         states={n: (1, 0.0) for n in ("mid_mm", "at_mm", "N")},
         note="a closed cycle that turns while soft ends close can gain up to 1e-2 of force times stroke (play as wide "
         "as the stroke), 5e-4 otherwise",
     ),
-    model_form.SlipForcesFree: Law(),
-    model_form.StiffnessLawFree: Law(
-        stages={"stiffness": "k *= exp(log(alpha) * ($exponent + 0.5 * $growth * log(alpha)));"}
-    ),
-    model_form.NormalForceFree: Law(
-        stages={
-            "alpha": """{
+    model_form.SlipForcesFree: law(),
+    model_form.StiffnessLawFree: law(stiffness="k *= exp(log(alpha) * ($exponent + 0.5 * $growth * log(alpha)));"),
+    model_form.NormalForceFree: law(
+        alpha="""{
     const double x = u / p->length_mm, y = v / p->speed_m_s, w = fabs(y);
     alpha *= exp($u * x + $u2 * x * x + $speed * w + $u_speed * x * w + $direction * y + $u_direction * x * y);
 }"""
-        }
     ),
-    paper_stages.VaryingNormalForce: Law(
-        stages={
-            "alpha": f"""{{
+    paper_stages.VaryingNormalForce: law(
+        alpha=f"""{{
     const double y = log(fmax(A - u, {Y_FLOOR} * A) / p->length_mm), top = log(A / p->length_mm);
     alpha += $slope * (expm1($beta * y) - expm1($beta * top)) / $beta;
 }}"""
-        }
     ),
-    paper_stages.SpeedDependentNormalForce: Law(
-        stages={
-            "alpha": f"alpha += $rate * pow(fmax(A - u, {Y_FLOOR} * A) / p->length_mm, $beta) * fabs(v) / p->speed_m_s;"
-        },
+    paper_stages.SpeedDependentNormalForce: law(
+        alpha=f"alpha += $rate * pow(fmax(A - u, {Y_FLOOR} * A) / p->length_mm, $beta) * fabs(v) / p->speed_m_s;",
         numbers=_of_speed_term,
     ),
-    paper_stages.StiffnessOfNormalForce: Law(
-        stages={"stiffness": "k *= $ratio > 0.0 ? expm1(-$ratio * alpha) / expm1(-$ratio) : 1.0;"}, numbers=_ratio
+    paper_stages.StiffnessOfNormalForce: law(
+        stiffness="k *= $ratio > 0.0 ? expm1(-$ratio * alpha) / expm1(-$ratio) : 1.0;", numbers=_ratio
     ),
-    conditions.SlipFollowsCondition: Law(note="at the mean of the condition over the tests"),
-    conditions.StiffnessFollowsCondition: Law(note="at the mean of the condition over the tests"),
+    conditions.SlipFollowsCondition: law(note="at the mean of the condition over the tests"),
+    conditions.StiffnessFollowsCondition: law(note="at the mean of the condition over the tests"),
 }
 
 _OF_CHANNELS = (*measuring_chain.EFFECTS, *along_record.EFFECTS)

@@ -20,8 +20,7 @@ from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.executors import Workers, opened
 from bayes_iwan.former_names import refuse_former_options
 from bayes_iwan.inference.results import run_files
-from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow
+from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.families import DECIDES, LEAST, Comparison
-from bayes_iwan.report.page import Page, Section, Table, provenance
-from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, on_phone, styled, subplots
+from bayes_iwan.report.page import Finding, Page, Section, Table, provenance
+from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, on_phone, one_panel, styled, subplots
 
 
 @styled
@@ -53,8 +53,7 @@ def tests_figure(comparison: Comparison) -> Figure:
     files = [x.file.removesuffix(".gz").removesuffix(".csv") for x in best.posterior.problem.loops]
     pointwise = [e.tests.pointwise for e in entries if e.tests is not None]
     table = np.array(pointwise) - pointwise[0]
-    figure, axes = subplots(1, 1, 7.6, 0.36 * len(entries) + 1.4)
-    ax = axes[0, 0]
+    figure, ax = one_panel(7.6, 0.36 * len(entries) + 1.4)
     reach = max(float(np.quantile(np.abs(table), 0.9)), 1.0)
     texts = [[f"{x:+.1f}".replace("-", "−") if i else "0" for x in row] for i, row in enumerate(table)]
     labels = [e.family.label for e in entries]
@@ -74,7 +73,7 @@ def comparison_table(comparison: Comparison) -> Table:
 
 
 class ComparisonSection(Section[Comparison]):
-    template = "comparison.html"
+    template, ranking, tests = "comparison.html", staticmethod(ranking_figure), staticmethod(tests_figure)
 
 
 class Answer(ComparisonSection):
@@ -83,7 +82,7 @@ class Answer(ComparisonSection):
     heading = "Answer"
 
     @property
-    def found(self) -> list[tuple[str, bool, str]]:
+    def found(self) -> list[Finding]:
         rows = self.r.rows()
         best, *others = rows
         tied = [r.label for r in others if abs(r.difference) < max(DECIDES * r.difference_se, LEAST)]
@@ -93,16 +92,12 @@ class Answer(ComparisonSection):
         elif others:
             worse = -others[0].difference
             said += f" Every other one predicts worse, the next ({others[0].label}) by {worse:.0f} nats."
-        found = [(said[0].upper() + said[1:], True, "")]
+        found = [Finding(said[0].upper() + said[1:], True)]
         if self.r.by == "loo" and (poor := sum(not r.loo_holds for r in rows)):
-            said = f"The Pareto k of {poor} families are too high: rank by held-out tests (--by tests)."
-            found.append((said, False, ""))
+            found.append(Finding(f"The Pareto k of {poor} families are too high: rank by held-out tests (--by tests)."))
         if short := [r.label for r in rows if not r.converged]:
-            found.append((f"Not converged, so that their density is some nats off: {', '.join(short)}.", False, ""))
+            found.append(Finding(f"Not converged, so that their density is some nats off: {', '.join(short)}."))
         return found
-
-    def ranking(self) -> Figure:
-        return ranking_figure(self.r)
 
 
 class Ranking(ComparisonSection):
@@ -115,24 +110,11 @@ class Ranking(ComparisonSection):
         rows: list[tuple[object, ...]] = []
         for i, r in enumerate(self.r.rows()):
             off = (signed(r.difference), f"{r.difference_se:.1f}") if i else ("0", "–")
-            loo, ended = (
-                signed(r.loo) + ("" if r.loo_holds else " (k too high)"),
-                "converged" if r.converged else "short",
-            )
+            loo = signed(r.loo) + ("" if r.loo_holds else " (k too high)")
             share, seconds = f"{100 * r.residual_share:.2g} %", f"{r.seconds:.0f}"
+            ended = "converged" if r.converged else "short"
             rows.append((r.label, *off, loo, signed(r.held_out), share, r.parameters, seconds, ended))
         return rows
-
-
-class Reasoning(ComparisonSection):
-    heading = "The paper's reasoning"
-
-
-class WhereFamiliesLose(ComparisonSection):
-    heading = "Where families gain and lose"
-
-    def tests(self) -> Figure:
-        return tests_figure(self.r)
 
 
 @house_style()
@@ -146,7 +128,7 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
     page = Page(title, subtitle, "The numbers of this page are in compare.csv.", units, made)
     page.add(Answer(comparison), Ranking(comparison))
     if comparison.answers():
-        page.add(Reasoning(comparison))
+        page.add(ComparisonSection(comparison, "Reasoning", "The paper's reasoning"))
     if first.tests is not None and len(comparison.entries) > 1:
-        page.add(WhereFamiliesLose(comparison))
+        page.add(ComparisonSection(comparison, "WhereFamiliesLose", "Where families gain and lose"))
     return page.write(out / "compare.html")

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -84,18 +84,28 @@ def anchor_of(heading: str) -> str:
 _NUMERIC = re.compile(r"[−+-]?[\d.,  ]+(?:e[−-]?\d+)?(?: ?[%–±].*)?|–|∞|nan|")
 
 
+class Finding(NamedTuple):
+    """One check behind an answer: what it says, whether all is well, and the heading of the section that shows it ("":
+    none does)."""
+
+    text: str
+    good: bool = False
+    section: str = ""
+
+
 class Section(Generic[Results]):
-    """One section of a page: the results that it says, and the block of its class's name in its page's template.
+    """One section of a page: the results that it says, and its block in its page's template, that of its class's name.
 
     The block sees `r`, the results; `s`, this object, for what has to be worked out of them; and :class:`Body`'s
-    methods figure, table, status, symbols and viewer.
+    methods figure, table, status, symbols and viewer. Where nothing has to be worked out, block and heading are given.
     """
 
     heading: str
     template: str
 
-    def __init__(self, r: Results) -> None:
-        self.r = r
+    def __init__(self, r: Results, block: str = "", heading: str = "") -> None:
+        self.r, self.block = r, block or type(self).__name__
+        self.heading = heading or self.heading
 
 
 @dataclass
@@ -122,7 +132,7 @@ class Body:
 
         methods = {m.__name__: between(m) for m in (self.figure, self.table, self.status, self.symbols, self.viewer)}
         whole = _ENVIRONMENT.get_template(section.template)
-        said = whole.blocks[type(section).__name__](whole.new_context({"r": section.r, "s": section, **methods}))
+        said = whole.blocks[section.block](whole.new_context({"r": section.r, "s": section, **methods}))
         pieces = re.split(r"<(\d+)>", "".join(said))
         self.body += [asked[int(x)] if i % 2 else self._said(Markup(x)) for i, x in enumerate(pieces)]
         return self
@@ -135,9 +145,8 @@ class Body:
         self.body.append(markup)
         return self
 
-    def status(self, found: Sequence[tuple[str, bool, str]]) -> Body:
-        """The checks behind an answer, (what it says, whether all is well, heading of the section that shows it or "")
-        each: one box in amber if any is not well, green only when all are."""
+    def status(self, found: Sequence[Finding]) -> Body:
+        """The checks behind an answer: one box in amber if any is not well, green only when all are."""
         rows = [(self._said(text), good, heading, anchor_of(heading)) for text, good, heading in found]
         return self.html(template("status.html", rows=sorted(rows, key=lambda x: x[1]), well=all(x[1] for x in rows)))
 
@@ -179,7 +188,7 @@ class Body:
         """A table; the first column heads its row.
 
         fold : closed until the reader opens it. sortable : a click on a column's name sorts by it, where the page has
-        the script for it (:meth:`Page.sorting`).
+        the script for it (sort.js).
         """
         rows = [[self._said(cell) if isinstance(cell, str) else cell for cell in row] for row in rows]
         numeric = [bool(rows) and all(_NUMERIC.fullmatch(str(row[i])) for row in rows) for i in range(len(columns))]
@@ -243,10 +252,6 @@ class Page:
         self.scripts.append(source)
         if data_id is not None and data_json is not None:
             self.data.append((data_id, Markup(data_json.replace("<", "\\u003c"))))
-
-    def sorting(self) -> None:
-        """Let readers sort the page's sortable tables."""
-        self.script(asset("sort.js"))
 
     @property
     def policy(self) -> Markup:

@@ -213,7 +213,7 @@ def series(index: int) -> dict[str, Any]:
     return {"color": _SERIES[index % len(_SERIES)], "linestyle": _DASHES[index % len(_DASHES)]}
 
 
-def points(index: int) -> dict[str, object]:
+def points(index: int) -> dict[str, Any]:
     """Colour and marker of the index-th of several sets of points."""
     return {"color": _SERIES[index % len(_SERIES)], "marker": _MARKERS[index % len(_MARKERS)]}
 
@@ -252,6 +252,12 @@ def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any
         return figure, figure.subplots(columns, 1, squeeze=False, **kwargs).reshape(1, columns)
     figure = blank(width, height, "constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
+
+
+def one_panel(width: float, height: float) -> tuple[Figure, Axes]:
+    """:func:`subplots` of one panel."""
+    figure, axes = subplots(1, 1, width, height)
+    return figure, axes[0, 0]
 
 
 def panels(

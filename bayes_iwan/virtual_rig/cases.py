@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -11,7 +10,7 @@ from bayes_iwan.campaign import Record
 from bayes_iwan.virtual_rig.fault import Fault
 from bayes_iwan.virtual_rig.faults import CATALOGUE, OUTSIDE, laws_of
 from bayes_iwan.virtual_rig.sensors import Sensors
-from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
+from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, VirtualRig, records, with_noise
 from bayes_iwan.virtual_rig.sizing import Sound, shares_left, size_fault, surroundings, trial_tests
 from bayes_iwan.virtual_rig.specimen import RigError, Specimen, draw_specimen
 
@@ -50,6 +49,11 @@ class Case:
     seed: int
     friction_rms_N: float
     noise_share: float
+
+    @property
+    def rig(self) -> VirtualRig:
+        """The rig that it is run on."""
+        return VirtualRig(self.specimen, self.setup, self.faults, self.seed)
 
     def truth(self, name: str) -> dict[str, object]:
         """The case's truth, ready to be sealed: plain numbers, strings, lists and mappings."""
@@ -185,28 +189,26 @@ def draw_case(
         amplitudes = [t.amplitude_mm for t in tests]
         speed = 2e-3 * np.pi * max(t.frequency_hz for t in tests) * max(amplitudes)
         specimen = draw_specimen(rng, (min(amplitudes), max(amplitudes)), speed, n_sliders)
-        sound_of = partial(surroundings, specimen, setup=setup, seed=seed)
+        rig = VirtualRig(specimen, setup, seed=seed)
         sound: dict[tuple[PlannedTest, ...], Sound] = {}  # trial runs without faults, once for the same tests
         found = []
         try:
             for name, law, size in zip(names, chosen, sizes):
                 tried = trial_tests(tests, ((name, law),))
-                around = sound.get(tried) or sound.setdefault(tried, sound_of(tried))
+                around = sound.get(tried) or sound.setdefault(tried, surroundings(rig, tried))
                 # a fault's parameters follow from the campaign as it is recorded, not from the trial's few cycles
                 whole = replace(around[0], record_s=float(np.mean([t.cycles / t.frequency_hz for t in tests])))
-                sized = partial(size_fault, name, size, specimen, tried, rng, law=law, setup=setup, seed=seed)
-                found.append(sized(sound=(whole, *around[1:])))
+                found.append(size_fault(name, size, rig, tried, rng, law=law, sound=(whole, *around[1:])))
         except RigError:
             continue
         tried = trial_tests(tests, ())
-        friction = (sound.get(tried) or sound_of(tried))[0].friction_rms_N
+        friction = (sound.get(tried) or surroundings(rig, tried))[0].friction_rms_N
         noisy = with_noise(setup, noise, friction, max(amplitudes))
-        seen = shares_left(specimen, tests, found, setup=setup, seed=seed)
+        seen = shares_left(rig, tests, found)
         return Case(kind, specimen, seen, noisy, tests, sealed, seed, friction, noise)
     raise RigError(f"60 specimens and designs drawn, none shows {' and '.join(names)} at the size asked for")
 
 
 def simulate(case: Case) -> tuple[list[Record], list[Record]]:
     """Run a case: the records that a diagnosis is given, and those that it never sees."""
-    run = partial(simulate_tests, case.specimen, setup=case.setup, faults=case.faults, seed=case.seed)
-    return records(run(case.tests)), records(run(case.sealed, first_index=len(case.tests)))
+    return records(case.rig.run_all(case.tests)), records(case.rig.run_all(case.sealed, len(case.tests)))

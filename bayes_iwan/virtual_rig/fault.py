@@ -15,7 +15,6 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.virtual_rig.kernel import FaultValues
 from bayes_iwan.virtual_rig.sensors import Chain
-from bayes_iwan.virtual_rig.specimen import Specimen
 
 Parameters = Mapping[str, float]
 Function = Callable[[Array], Array]
@@ -69,7 +68,6 @@ class Acting:
 class Surroundings:
     """What the size of a sensible fault depends on: the campaign's motion and forces without it."""
 
-    specimen: Specimen
     frequencies_hz: tuple[float, ...]
     amplitudes_mm: tuple[float, ...]
     record_s: float
@@ -119,11 +117,13 @@ class Fault:
     share_of_square: float = float("nan")
 
 
+#: what a law's parameters do, and how they are drawn
+Acts = Callable[[Parameters], Acting]
+Draw = Callable[[np.random.Generator, Surroundings], Parameters]
+
+
 def _nothing(rng: np.random.Generator, s: Surroundings) -> Parameters:
     return {}
-
-
-Draw = Callable[[np.random.Generator, Surroundings], Parameters]
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class Law:
     """
 
     name: str
-    acts: Callable[[Parameters], Acting]
+    acts: Acts
     draw: Draw = _nothing
     evolves: bool = False
     strongest: Callable[[Surroundings, float], float] | None = None
@@ -163,17 +163,3 @@ class FaultKind:
     def law(self, name: str) -> Law:
         """The law of this name; the first for an empty one. Raises KeyError."""
         return self.laws[0] if not name else next(one for one in self.laws if one.name == name)
-
-
-def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def linear(ceiling: Callable[[Surroundings], float]) -> Callable[[Surroundings, float], float]:
-    """A main parameter in proportion to the strength."""
-    return lambda s, strength: ceiling(s) * strength
-
-
-def uniform_grid(reach: float, n: int) -> Array:
-    """A grid from −reach to reach, its middle at 0."""
-    return np.linspace(-reach, reach, 2 * n + 1)

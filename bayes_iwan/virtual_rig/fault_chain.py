@@ -11,34 +11,29 @@ import numpy as np
 from scipy import signal
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.virtual_rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear
+from bayes_iwan.virtual_rig.fault import Acting, Acts, FaultKind, Law, Parameters, Surroundings
 from bayes_iwan.virtual_rig.kernel import FaultValues
+from bayes_iwan.virtual_rig.law_parts import linear, measuring, uniform
 from bayes_iwan.virtual_rig.sensors import Chain, Transfer
 
 # ---- between sensor and specimen
 
 
-def _joint(stretch: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
+def _joint(stretch: Callable[[Array], Array]) -> Acts:
     """A joint whose compliance falls with load: its stretch over the reference force's, of the force over that."""
     return lambda p: Acting(
         joint_stretch=lambda f: p["compliance_mm_N"] * p["reference_N"] * stretch(f / p["reference_N"])
     )
 
 
-def _load(rng: np.random.Generator, s: Surroundings) -> Parameters:
-    return {"reference_N": float(rng.uniform(0.2, 0.6)) * s.force_peak_N}
-
-
+_load = uniform("force_peak_N", reference_N=(0.2, 0.6))
 COMPLIANCE = FaultKind(
-    "rig_compliance",
-    "compliance_mm_N",
-    linear(lambda s: 0.08),
-    (
+    "rig_compliance", "compliance_mm_N", linear(lambda s: 0.08), (
         Law("linear", lambda p: Acting(extra_compliance_mm_N=p["compliance_mm_N"])),
         Law("stiffening", _joint(np.arcsinh), _load),
         Law("hertz", _joint(lambda x: (x + 0.02) ** (2 / 3) - 0.02 ** (2 / 3)), _load),
     ),
-)
+)  # fmt: skip
 
 
 def _loose(play_mm: float) -> FaultValues:
@@ -46,7 +41,7 @@ def _loose(play_mm: float) -> FaultValues:
     return FaultValues(play=play_mm, end_mass_kg=3e-4, end_damping=2e-5)
 
 
-def _soft_play(stretch: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
+def _soft_play(stretch: Callable[[Array], Array]) -> Acts:
     """A play whose ends give: by a share of its width at the reference force."""
 
     def acts(p: Parameters) -> Acting:
@@ -61,34 +56,21 @@ def _give(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 
 PLAY = FaultKind(
-    "free_play",
-    "play_mm",
-    linear(lambda s: 0.25 * s.largest_mm),
-    (
+    "free_play", "play_mm", linear(lambda s: 0.25 * s.largest_mm), (
         Law("hard", lambda p: Acting(motion=_loose(p["play_mm"]))),
         Law("hertz_ends", _soft_play(lambda x: (x + 0.01) ** (2 / 3) - 0.01 ** (2 / 3)), _give),
         Law("rough_ends", _soft_play(lambda x: np.log1p(20.0 * x) / np.log(21.0)), _give),
     ),
-)
+)  # fmt: skip
 
 MASS = FaultKind(
-    "moving_mass",
-    "m_kg",
-    linear(lambda s: 2e3 * s.stiffness_N_mm / s.fastest_rad_s**2),
-    (
-        Law("rigid", lambda p: Acting(chain=Chain(moving_mass_kg=p["m_kg"]))),
-        Law(
-            "soft_mount",
-            lambda p: Acting(
-                chain=Chain(moving_mass_kg=p["m_kg"], mass_mount_hz=p["mount_hz"], mass_mount_ratio=p["ratio"])
-            ),
-            lambda g, s: {
-                "mount_hz": float(g.uniform(2.0, 4.0)) * max(s.frequencies_hz),
-                "ratio": float(g.uniform(0.03, 0.4)),
-            },
-        ),
+    "moving_mass", "m_kg", linear(lambda s: 2e3 * s.stiffness_N_mm / s.fastest_rad_s**2), (
+        Law("rigid", measuring(moving_mass_kg="m_kg")),
+        Law("soft_mount", measuring(moving_mass_kg="m_kg", mass_mount_hz="mount_hz", mass_mount_ratio="ratio"),
+            lambda g, s: {"mount_hz": float(g.uniform(2.0, 4.0)) * max(s.frequencies_hz),
+                          "ratio": float(g.uniform(0.03, 0.4))}),
     ),
-)
+)  # fmt: skip
 
 
 # ---- delays and filters
@@ -108,22 +90,19 @@ def _order(design: str, order: int, corner_hz: float, high: bool = False) -> Tra
     return tuple(map(float, b)), tuple(map(float, a))
 
 
-def _delayed(filtered: Callable[[float], Transfer]) -> Callable[[Parameters], Acting]:
+def _delayed(filtered: Callable[[float], Transfer]) -> Acts:
     """A response with this delay at low frequencies, in the channel that comes late."""
     return lambda p: Acting(chain=(_force if p["delay_s"] > 0 else _displacement)(filtered(abs(p["delay_s"]))))
 
 
 DELAY = FaultKind(
-    "channel_delay",
-    "delay_s",
-    linear(lambda s: 0.004),
-    (
-        Law("pure", lambda p: Acting(chain=Chain(delay_s=p["delay_s"]))),
+    "channel_delay", "delay_s", linear(lambda s: 0.004), (
+        Law("pure", measuring(delay_s="delay_s")),
         Law("all_pass", _delayed(lambda t: ((-0.5 * t, 1.0), (0.5 * t, 1.0)))),
         Law("second_order", _delayed(lambda t: ((1.0,), (0.36 * t * t, t, 1.0)))),
     ),
     signed=True,
-)
+)  # fmt: skip
 
 
 #: the name of a law, and its filter for a corner frequency (Hz)
@@ -167,9 +146,7 @@ _below_all = linear(lambda s: 0.15 * min(s.frequencies_hz))
 INTEGRATION = FaultKind("integration_highpass", "corner_hz", _below_all, _through(_displacement, *_HIGH))
 HIGH_PASS = FaultKind("force_highpass", "corner_hz", _below_all, _through(_force, *_HIGH))
 LOW_PASS = FaultKind(
-    "force_lowpass",
-    "corner_hz",
-    lambda s, strength: 1.0 / (2 * np.pi * 0.004 * strength),
+    "force_lowpass", "corner_hz", lambda s, strength: 1.0 / (2 * np.pi * 0.004 * strength),
     _through(
         _force,
         ("first_order", lambda f: first_order(f, False)),
@@ -177,13 +154,13 @@ LOW_PASS = FaultKind(
         ("bessel", lambda f: _order("bessel", 2, f)),
         ("fourth_order", lambda f: _order("butter", 4, f)),
     ),
-)
+)  # fmt: skip
 
 
 # ---- what is added to the force
 
 
-def _added(shape: Callable[[Array, Parameters, np.random.Generator], Array]) -> Callable[[Parameters], Acting]:
+def _added(shape: Callable[[Array, Parameters, np.random.Generator], Array]) -> Acts:
     """`shape(t, p, rng)` times the rate and the record's length; nothing before the record starts."""
 
     def acts(p: Parameters) -> Acting:
@@ -207,25 +184,18 @@ def _record(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 
 DRIFT = FaultKind(
-    "force_drift",
-    "rate_N_s",
-    linear(lambda s: 2.0 * s.friction_rms_N / s.record_s),
-    (
+    "force_drift", "rate_N_s", linear(lambda s: 2.0 * s.friction_rms_N / s.record_s), (
         Law("steady", _added(lambda t, p, rng: t), evolves=True),
-        Law(
-            "settling",
-            _added(lambda t, p, rng: 1.0 - np.exp(-t / (p["settle_share"] * p["record_s"]))),
-            lambda g, s: {**_record(g, s), "settle_share": float(g.uniform(0.15, 0.5))},
-            True,
-        ),
+        Law("settling", _added(lambda t, p, rng: 1.0 - np.exp(-t / (p["settle_share"] * p["record_s"]))),
+            lambda g, s: {**_record(g, s), "settle_share": float(g.uniform(0.15, 0.5))}, True),
         Law("random_walk", _added(_wander), _record, True),
         Law("root_of_time", _added(lambda t, p, rng: np.sqrt(t / p["record_s"])), _record, True),
     ),
     signed=True,
-)
+)  # fmt: skip
 
 
-def _mains(third: float, fifth: float, wander_hz: float = 0.0, beat: float = 0.0) -> Callable[[Parameters], Acting]:
+def _mains(third: float, fifth: float, wander_hz: float = 0.0, beat: float = 0.0) -> Acts:
     def acts(p: Parameters) -> Acting:
         def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
             phase, off = rng.uniform(0, 2 * np.pi, 3), 0.03 * rng.standard_normal()
@@ -243,23 +213,20 @@ def _mains(third: float, fifth: float, wander_hz: float = 0.0, beat: float = 0.0
 
 
 MAINS = FaultKind(
-    "mains_interference",
-    "amplitude_N",
-    linear(lambda s: 0.6 * s.friction_rms_N),
-    (
+    "mains_interference", "amplitude_N", linear(lambda s: 0.6 * s.friction_rms_N), (
         Law("sine", _mains(0.0, 0.0)),
         Law("harmonics", _mains(0.35, 0.15)),
         Law("wandering", _mains(0.1, 0.0, wander_hz=0.08)),
         Law("beating", _mains(0.1, 0.05, beat=0.5)),
     ),
     lambda g, s: {"frequency_hz": float(g.choice([50.0, 60.0]))},
-)
+)  # fmt: skip
 
 
 # ---- one limit in newtons for the whole campaign
 
 
-def _clipped(shape: Callable[[Array, Parameters], Array]) -> Callable[[Parameters], Acting]:
+def _clipped(shape: Callable[[Array, Parameters], Array]) -> Acts:
     return lambda p: Acting(chain=Chain(saturation=lambda f: p["limit_N"] * shape(f / p["limit_N"], p)))
 
 
@@ -281,32 +248,14 @@ def _unequal(p: Parameters) -> Acting:
 
 
 CLIPPING = FaultKind(
-    "force_clipping",
-    "limit_N",
-    lambda s, strength: s.force_peak_N * (1.0 - 0.7 * strength),
-    (
+    "force_clipping", "limit_N", lambda s, strength: s.force_peak_N * (1.0 - 0.7 * strength), (
         Law("hard", _clipped(lambda x, p: np.clip(x, -1.0, 1.0))),
-        Law(
-            "soft",
-            _clipped(_soft_knee),
-            lambda g, s: {"sharpness": float(g.uniform(4.0, 12.0))},
-            strongest=lambda s, strength: s.force_peak_N * 0.3 / strength,
-        ),
+        Law("soft", _clipped(_soft_knee), uniform(sharpness=(4.0, 12.0)),
+            strongest=lambda s, strength: s.force_peak_N * 0.3 / strength),
         Law("compressed", _clipped(_compressed)),
         Law("one_side", _clipped(lambda x, p: np.minimum(x, 1.0))),
         Law("unequal", _unequal, lambda g, s: {"lower_share": float(g.uniform(0.3, 0.8)), "peak_N": s.force_peak_N}),
     ),
-)
+)  # fmt: skip
 
-KINDS = (
-    COMPLIANCE,
-    PLAY,
-    MASS,
-    DELAY,
-    INTEGRATION,
-    HIGH_PASS,
-    LOW_PASS,
-    DRIFT,
-    MAINS,
-    CLIPPING,
-)
+KINDS = (COMPLIANCE, PLAY, MASS, DELAY, INTEGRATION, HIGH_PASS, LOW_PASS, DRIFT, MAINS, CLIPPING)

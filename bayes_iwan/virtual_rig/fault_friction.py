@@ -12,18 +12,15 @@ from collections.abc import Callable
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.virtual_rig.fault import Acting, FaultKind, Law, Parameters, linear, log_uniform
+from bayes_iwan.virtual_rig.fault import Acting, Acts, FaultKind, Law, Parameters
 from bayes_iwan.virtual_rig.kernel import FaultValues
+from bayes_iwan.virtual_rig.law_parts import linear, log_uniform, moving, slip_speed, uniform
 
 # ---- friction that falls with slip speed
 
 
-def _falling(shape: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
-    def acts(p: Parameters) -> Acting:
-        vs = 1e3 * p["v_s_m_s"]
-        return Acting(rate_factor=lambda w: 1.0 - p["drop"] * shape(w / vs))
-
-    return acts
+def _falling(shape: Callable[[Array], Array]) -> Acts:
+    return slip_speed(lambda w, p: 1.0 - p["drop"] * shape(w / (1e3 * p["v_s_m_s"])))
 
 
 def _ageing(p: Parameters) -> Acting:
@@ -56,23 +53,17 @@ STRIBECK = FaultKind(
 # ---- friction that rises with it
 
 
-def _rising(shape: Callable[[Array, Parameters], Array]) -> Callable[[Parameters], Acting]:
-    def acts(p: Parameters) -> Acting:
-        v0 = 1e3 * p["v0_m_s"]
-        return Acting(rate_factor=lambda w: 1.0 + p["c"] * shape(w / v0, p))
-
-    return acts
+def _rising(shape: Callable[[Array, Parameters], Array]) -> Acts:
+    return slip_speed(lambda w, p: 1.0 + p["c"] * shape(w / (1e3 * p["v0_m_s"]), p))
 
 
 RATE = FaultKind(
     "rate_strengthening", "c", linear(lambda s: 0.3), (
         Law("logarithm", _rising(lambda x, p: np.log1p(x))),
         # a power of nothing has no slope: rounded at a twentieth of v0
-        Law("power", _rising(lambda x, p: (x + 0.05) ** p["power"] - 0.05 ** p["power"]),
-            lambda g, s: {"power": float(g.uniform(0.15, 0.5))}),
+        Law("power", _rising(lambda x, p: (x + 0.05) ** p["power"] - 0.05 ** p["power"]), uniform(power=(0.15, 0.5))),
         Law("arcsinh", _rising(lambda x, p: np.arcsinh(x))),
-        Law("saturating", _rising(lambda x, p: 2.0 * x / (p["saturation"] + x)),
-            lambda g, s: {"saturation": float(g.uniform(5.0, 20.0))}),
+        Law("saturating", _rising(lambda x, p: 2.0 * x / (p["saturation"] + x)), uniform(saturation=(5.0, 20.0))),
     ),
     lambda g, s: {"v0_m_s": log_uniform(g, 0.001, 0.02)},
 )  # fmt: skip
@@ -82,21 +73,20 @@ RATE = FaultKind(
 
 LAG = FaultKind(
     "normal_force_lag", "tau_s", linear(lambda s: 0.03), (
-        Law("first_order", lambda p: Acting(motion=FaultValues(lag_rise_s=p["tau_s"], lag_fall_s=p["tau_s"]))),
+        Law("first_order", moving(lag_rise_s="tau_s", lag_fall_s="tau_s")),
         Law("second_order",
             lambda p: Acting(motion=FaultValues(
                 lag_rise_s=0.5 * p["tau_s"], lag_fall_s=0.5 * p["tau_s"], lag_second_s=0.5 * p["tau_s"]))),
         Law("slow_release",
             lambda p: Acting(motion=FaultValues(
                 lag_rise_s=p["tau_s"], lag_fall_s=p["ratio"] * p["tau_s"], lag_quick=p["quick"])),
-            lambda g, s: {"ratio": float(g.uniform(2.0, 6.0)), "quick": float(g.uniform(3.0, 10.0))}),
+            uniform(ratio=(2.0, 6.0), quick=(3.0, 10.0))),
         Law("with_transient",
             lambda p: Acting(motion=FaultValues(
                 lag_rise_s=p["tau_s"], lag_fall_s=p["tau_s"], lag_slow_share=p["slow_share"],
                 lag_slow_s=p["slow_ratio"] * p["tau_s"],
                 lag_slower_s=p["slower_ratio"] * p["slow_ratio"] * p["tau_s"])),
-            lambda g, s: {"slow_share": float(g.uniform(0.2, 0.5)), "slow_ratio": float(g.uniform(4.0, 12.0)),
-                          "slower_ratio": float(g.uniform(3.0, 8.0))}, True),
+            uniform(slow_share=(0.2, 0.5), slow_ratio=(4.0, 12.0), slower_ratio=(3.0, 8.0)), True),
     ),
 )  # fmt: skip
 
@@ -104,9 +94,7 @@ LAG = FaultKind(
 # ---- friction that changes with the cycles
 
 
-def _fading(
-    shape: Callable[[Array], Array], by_work: bool = False, drags: bool = False
-) -> Callable[[Parameters], Acting]:
+def _fading(shape: Callable[[Array], Array], by_work: bool = False, drags: bool = False) -> Acts:
     def acts(p: Parameters) -> Acting:
         work, power = p["work_a_cycle_Nmm"] if by_work else 0.0, p["stiffness_power"] if drags else 0.0
         faded = FaultValues(fade_work_Nmm=work, fade_stiffness=power)
@@ -124,7 +112,7 @@ FADE = FaultKind(
             lambda g, s: {"work_a_cycle_Nmm": 3.5 * s.friction_rms_N * s.largest_mm}, True),
         Law("recovers", _fading(lambda x: x * np.exp(1.0 - x)), evolves=True),
         Law("with_stiffness", _fading(lambda x: 1.0 - np.exp(-x), drags=True),
-            lambda g, s: {"stiffness_power": float(g.uniform(0.3, 1.0))}, True),
+            uniform(stiffness_power=(0.3, 1.0)), True),
         # a temperature that friction's own power raises and the surroundings take down again within a time
         Law("heat",
             lambda p: Acting(motion=FaultValues(heat_fade_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"])),
@@ -147,7 +135,7 @@ def _directional(p: Parameters) -> Acting:
 DIRECTION = FaultKind(
     "direction_dependent_friction", "asymmetry", linear(lambda s: 0.45), (
         Law("limits", _directional),
-        Law("with_speed", _directional, lambda g, s: {"speed_mm_s": float(g.uniform(0.1, 0.4)) * s.speed_mm_s}),
+        Law("with_speed", _directional, uniform("speed_mm_s", speed_mm_s=(0.1, 0.4))),
         Law("with_position", _directional,
             lambda g, s: {"slope_1_mm": float(g.choice([-1, 1]) * g.uniform(0.3, 0.8)) / s.largest_mm}),
     ),

@@ -21,12 +21,14 @@ others.
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.virtual_rig.fault import Acting, Draw, FaultKind, Law, Parameters, Surroundings, linear
+from bayes_iwan.virtual_rig.fault import Acting, Acts, Draw, FaultKind, Law, Parameters, Surroundings
 from bayes_iwan.virtual_rig.kernel import FaultValues
+from bayes_iwan.virtual_rig.law_parts import damper, linear, measuring, moving, slip_speed, spring, uniform
 from bayes_iwan.virtual_rig.sensors import Chain
 
 
@@ -35,7 +37,7 @@ def _one(
     family: str,
     main: str,
     ceiling: Callable[[Surroundings], float],
-    acts: Callable[[Parameters], Acting],
+    acts: Acts,
     draw: Draw = lambda g, s: {},
     evolves: bool = False,
 ) -> FaultKind:
@@ -50,9 +52,7 @@ def _base(p: Parameters) -> Acting:
     return Acting(motion=FaultValues(base_k=k, base_mass_kg=mass_kg, base_damping_ratio=p["damping_ratio"]))
 
 
-def _adding(
-    shape: Callable[[Parameters, Array, Array, Array, np.random.Generator], Array],
-) -> Callable[[Parameters], Acting]:
+def _adding(shape: Callable[[Parameters, Array, Array, Array, np.random.Generator], Array]) -> Acts:
     """What is added to the force: shape(parameters, times, cycles, displacement, random generator)."""
 
     def acts(p: Parameters) -> Acting:
@@ -115,11 +115,20 @@ def _seed(rng: np.random.Generator, s: Surroundings) -> Parameters:
     return {"draw": float(rng.integers(2**31))}
 
 
+def _between_tests(name: str, family: str, most: float, what: str) -> FaultKind:
+    """A factor that each test has of its own on what is named."""
+
+    def acts(p: Parameters) -> Acting:
+        how: Any = {what: (p["sd_share"], int(p["draw"]))}
+        return Acting(**how)
+
+    return _one(name, family, "sd_share", lambda s: most, acts, _seed)
+
+
 KINDS = (
     # friction or force that depends on where the specimen is
     _one("wear_groove", "position", "share", lambda s: 0.7,
-         lambda p: Acting(
-             motion=FaultValues(groove=p["share"], groove_pitch=p["pitch_mm"], groove_phase=p["phase_rad"])),
+         moving(groove="share", groove_pitch="pitch_mm", groove_phase="phase_rad"),
          lambda g, s: {"pitch_mm": float(g.uniform(0.25, 0.7)) * s.largest_mm,
                        "phase_rad": float(g.uniform(0, 2 * np.pi))}),
     _one("misaligned_rod", "position", "share", lambda s: 1.5,
@@ -128,16 +137,14 @@ KINDS = (
          lambda g, s: {"at_mm": float(g.uniform(-0.7, 0.7)) * s.largest_mm, "length_mm": s.largest_mm,
                        "power": float(g.choice([1.0, 2.0]))}),
     _one("detent", "position", "depth_N", lambda s: 2.0 * s.friction_rms_N,
-         lambda p: Acting(displacement_force=lambda d: p["depth_N"] * (x := (d - p["at_mm"]) / p["width_mm"])
-                          * np.exp(-0.5 * x**2)),
+         spring(lambda d, p: p["depth_N"] * (x := (d - p["at_mm"]) / p["width_mm"]) * np.exp(-0.5 * x**2)),
          lambda g, s: {"at_mm": float(g.uniform(-0.6, 0.6)) * min(s.amplitudes_mm),
                        "width_mm": float(g.uniform(0.05, 0.2)) * s.largest_mm}),
     # on how fast it moves
     _one("quadratic_drag", "rate", "c_N_s2_mm2", lambda s: 2 * s.friction_rms_N / s.speed_mm_s**2,
-         lambda p: Acting(speed_force=lambda v: p["c_N_s2_mm2"] * v * np.abs(v))),
+         damper(lambda v, p: p["c_N_s2_mm2"] * v * np.abs(v))),
     _one("lubrication_peak", "rate", "share", lambda s: 1.0,
-         lambda p: Acting(
-             rate_factor=lambda w: 1.0 + p["share"] * np.exp(-0.5 * ((w - p["at_mm_s"]) / p["width_mm_s"]) ** 2)),
+         slip_speed(lambda w, p: 1.0 + p["share"] * np.exp(-0.5 * ((w - p["at_mm_s"]) / p["width_mm_s"]) ** 2)),
          lambda g, s: {"at_mm_s": (at := float(g.uniform(0.2, 0.6)) * s.speed_mm_s),
                        "width_mm_s": float(g.uniform(0.2, 0.5)) * at}),
     # resonances
@@ -148,37 +155,32 @@ KINDS = (
          lambda g, s: {"resonance_hz": float(g.uniform(2.2, 4.0)) * max(s.frequencies_hz),
                        "damping_ratio": float(g.uniform(0.03, 0.1))}),
     # what differs from cycle to cycle
-    _one("rocking", "cycle", "share", lambda s: 0.9, lambda p: Acting(motion=FaultValues(rocking=p["share"]))),
+    _one("rocking", "cycle", "share", lambda s: 0.9, moving(rocking="share")),
     _one("loose_debris", "cycle", "sd_share", lambda s: 0.5, _debris, _seed, evolves=True),
     _one("subharmonic_whirl", "half frequency", "amplitude_N", lambda s: 0.6 * s.friction_rms_N, _whirl,
          lambda g, s: {"order": float(g.choice([0.5, g.uniform(0.42, 0.49)]))}),
     # jumps and impacts
     _one("stick_slip", "jumps", "amplitude_N", lambda s: 2.0 * s.friction_rms_N, _stick_slip,
-         lambda g, s: {"jump_mm": float(g.uniform(0.05, 0.3)) * s.largest_mm}),
+         uniform("largest_mm", jump_mm=(0.05, 0.3))),
     _one("impact_chatter", "impact", "amplitude_N", lambda s: 1.5 * s.friction_rms_N, _chatter,
-         lambda g, s: {"decay_s": float(g.uniform(0.004, 0.012)), "ringing_hz": float(g.uniform(90.0, 200.0))}),
+         uniform(decay_s=(0.004, 0.012), ringing_hz=(90.0, 200.0))),
     # what differs from test to test
-    _one("remount_scatter", "between tests", "sd_share", lambda s: 0.15,
-         lambda p: Acting(stiffness_scatter=(p["sd_share"], int(p["draw"]))), _seed),
-    _one("room_climate", "between tests", "sd_share", lambda s: 0.3,
-         lambda p: Acting(friction_scatter=(p["sd_share"], int(p["draw"]))), _seed),
+    _between_tests("remount_scatter", "between tests", 0.15, "stiffness_scatter"),
+    _between_tests("room_climate", "between tests", 0.3, "friction_scatter"),
     # gains
-    _one("range_switching", "gain", "sd_share", lambda s: 0.12,
-         lambda p: Acting(gain_scatter=(p["sd_share"], int(p["draw"]))), _seed),
+    _between_tests("range_switching", "gain", 0.12, "gain_scatter"),
     _one("two_ranges", "gain", "gain_error", lambda s: 0.3,
          lambda p: Acting(chain=Chain(saturation=lambda f: f * (1.0 + p["gain_error"] * (np.abs(f) > p["change_N"])))),
-         lambda g, s: {"change_N": float(g.uniform(0.3, 0.8)) * s.force_peak_N}),
+         uniform("force_peak_N", change_N=(0.3, 0.8))),
     _one("amplitude_gain", "gain", "gain_error", lambda s: 0.3,
          lambda p: Acting(amplitude_gain=lambda a: 1.0 + p["gain_error"] * a / p["largest_mm"]),
          lambda g, s: {"largest_mm": s.largest_mm}),
     # readings that lag at reversals
-    _one("sensor_hysteresis", "hysteresis", "lag_mm", lambda s: 0.1 * s.largest_mm,
-         lambda p: Acting(chain=Chain(reading_lag_mm=p["lag_mm"]))),
-    _one("cell_hysteresis", "hysteresis", "lag_N", lambda s: 0.8 * s.friction_rms_N,
-         lambda p: Acting(chain=Chain(cell_lag_N=p["lag_N"]))),
+    _one("sensor_hysteresis", "hysteresis", "lag_mm", lambda s: 0.1 * s.largest_mm, measuring(reading_lag_mm="lag_mm")),
+    _one("cell_hysteresis", "hysteresis", "lag_N", lambda s: 0.8 * s.friction_rms_N, measuring(cell_lag_N="lag_N")),
     # the channel's zero, noise and steps
     _one("slow_zero", "zero", "amplitude_N", lambda s: s.friction_rms_N, _slow_zero,
-         lambda g, s: {"period_s": float(g.uniform(0.2, 0.8)) * s.record_s}, evolves=True),
+         uniform("record_s", period_s=(0.2, 0.8)), evolves=True),
     _one("noise_bursts", "noise", "amplitude_N", lambda s: 3.0 * s.friction_rms_N, _bursts,
          lambda g, s: {"every_s": float(g.uniform(0.05, 0.3)) * s.record_s, "lasts_s": float(g.uniform(0.002, 0.05))},
          evolves=True),

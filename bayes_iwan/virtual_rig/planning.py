@@ -11,7 +11,7 @@ import numpy as np
 from bayes_iwan.campaign import Campaign, Record, read_campaign, write_campaign
 from bayes_iwan.virtual_rig.fault import Fault
 from bayes_iwan.virtual_rig.faults import check_faults
-from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
+from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, VirtualRig, records, with_noise
 from bayes_iwan.virtual_rig.sizing import fault_size, size_fault, surroundings
 from bayes_iwan.virtual_rig.specimen import RigError, Specimen, paper_specimen
 
@@ -102,19 +102,18 @@ def simulate_campaign(
     """
     if not tests:
         raise RigError("a campaign needs at least one test")
-    specimen = specimen or paper_specimen(seed=seed)
-    sound = surroundings(specimen, tests, setup=setup, seed=seed)
+    rig = VirtualRig(specimen or paper_specimen(seed=seed), setup or Setup(), seed=seed)
+    sound = surroundings(rig, tests)
     faults: tuple[Fault, ...] = ()
     if isinstance(fault, Fault):
         check_faults((fault,))
-        found = fault_size(specimen, tests, fault, setup=setup, seed=seed, sound=sound)
-        faults = (replace(fault, size=found),)
+        faults = (replace(fault, size=fault_size(rig, tests, fault, sound=sound)),)
     elif fault is not None:
         rng = np.random.default_rng([seed, 2])
-        faults = (size_fault(fault, size, specimen, tests, rng, setup=setup, seed=seed, sound=sound),)
-    noisy = with_noise(setup or Setup(), noise, sound[0].friction_rms_N, sound[0].largest_mm)
-    runs = simulate_tests(specimen, tests, setup=noisy, faults=faults, seed=seed)
-    return VirtualCampaign(tuple(records(runs)), faults, specimen, sound[0].friction_rms_N)
+        faults = (size_fault(fault, size, rig, tests, rng, sound=sound),)
+    noisy = with_noise(rig.setup, noise, sound[0].friction_rms_N, sound[0].largest_mm)
+    runs = replace(rig, setup=noisy, faults=faults).run_all(tests)
+    return VirtualCampaign(tuple(records(runs)), faults, rig.specimen, sound[0].friction_rms_N)
 
 
 PathLike = str | os.PathLike[str]

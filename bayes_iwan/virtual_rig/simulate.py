@@ -8,14 +8,13 @@ from rest, and are seen through sensors of their own (`sensors`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from scipy import signal
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Record
-from bayes_iwan.virtual_rig.fault import Acting, Fault, uniform_grid
+from bayes_iwan.virtual_rig.fault import Acting, Fault
 from bayes_iwan.virtual_rig.faults import acting, check_faults, scatter
 from bayes_iwan.virtual_rig.kernel import FaultValues, SpecimenValues, march
 from bayes_iwan.virtual_rig.sensors import Sensors, measure
@@ -139,10 +138,14 @@ _TABLE = 2000  # points of a table of a law, to either side
 def _with_tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance_mm_N: float) -> FaultValues:
     """The kernel's values of what acts, its functions as tables over a range that the motion hardly leaves."""
     q = act.motion
+
+    def to_both_sides(reach: float) -> Array:
+        return np.linspace(-reach, reach, 2 * _TABLE + 1)
+
     for name, law, grid, least in (
-        ("displacement_force", act.displacement_force, uniform_grid(1.5 * amplitude_mm, _TABLE), -np.inf),
-        ("position", act.position_factor, uniform_grid(1.5 * amplitude_mm, _TABLE), 0.05),
-        ("speed_force", act.speed_force, uniform_grid(2.0 * speed_mm_s, _TABLE), -np.inf),
+        ("displacement_force", act.displacement_force, to_both_sides(1.5 * amplitude_mm), -np.inf),
+        ("position", act.position_factor, to_both_sides(1.5 * amplitude_mm), 0.05),
+        ("speed_force", act.speed_force, to_both_sides(2.0 * speed_mm_s), -np.inf),
         ("rate", act.rate_factor, np.linspace(0.0, 4.0 * speed_mm_s, 4 * _TABLE), -np.inf),
         ("fade", act.fade_factor, np.linspace(0.0, 400.0, 4 * _TABLE), 0.05),
     ):
@@ -176,138 +179,103 @@ def shaker_stretch(force: Array, body: SpecimenValues) -> Array:
     return np.asarray(signal.lfilter([body.shaker_compliance], [1.0, -body.shaker_memory], force))
 
 
-def simulate_test(
-    specimen: Specimen,
-    test: PlannedTest,
-    *,
-    setup: Setup | None = None,
-    faults: tuple[Fault, ...] = (),
-    seed: int = 0,
-    index: int = 0,
-    fidelity: Fidelity = FULL,
-    clean: bool = False,
-) -> RigRun:
-    """Run one test from rest and record it.
+@dataclass(frozen=True)
+class VirtualRig:
+    """A specimen on the rig, with some faults. `seed`, and a test's place in the campaign, `index`, settle everything
+    random. Raises `RigError` for unknown faults."""
 
-    `index` is the test's place in the campaign; `seed` and `index` settle everything random. The controller
-    first makes two short trial runs and sets drive and offset so that the displacement at the sensor has the
-    wanted amplitude and no offset. `clean` leaves noise and digitiser's steps out.
+    specimen: Specimen
+    setup: Setup = field(default_factory=Setup)
+    faults: tuple[Fault, ...] = ()
+    seed: int = 0
 
-    Raises `RigError` for unknown faults or a test beyond the rig.
-    """
-    setup = setup or Setup()
-    motion = move(specimen, test, setup=setup, faults=faults, seed=seed, index=index, fidelity=fidelity)
-    return observe(motion, setup=setup, faults=faults, seed=seed, index=index, clean=clean)
+    def run(self, test: PlannedTest, index: int = 0, fidelity: Fidelity = FULL, clean: bool = False) -> RigRun:
+        """Run one test from rest and record it; `clean` leaves noise and digitiser's steps out."""
+        return self.observe(self.move(test, index, fidelity), index, clean)
 
+    def run_all(
+        self, tests: Sequence[PlannedTest], first_index: int = 0, fidelity: Fidelity = FULL, clean: bool = False
+    ) -> tuple[RigRun, ...]:
+        """Run several tests of one campaign."""
+        return tuple(self.run(test, i, fidelity, clean) for i, test in enumerate(tests, start=first_index))
 
-def observe(
-    motion: RigMotion,
-    *,
-    setup: Setup,
-    faults: tuple[Fault, ...] = (),
-    seed: int = 0,
-    index: int = 0,
-    clean: bool = False,
-) -> RigRun:
-    """Record a motion; of the faults, those of the measuring chain act here."""
-    act = acting(faults)
-    chain = act.chain
-    if act.gain_scatter is not None:
-        chain = replace(chain, gain=scatter(act.gain_scatter, index))
-    if act.amplitude_gain is not None:
-        chain = replace(chain, gain=chain.gain * float(act.amplitude_gain(np.array(motion.test.amplitude_mm))))
-    u, f = measure(
-        motion.time_s, motion.displacement_mm, motion.force_N, motion.sample_times_s, setup.sensors, chain,
-        np.random.default_rng([seed, index, 1]), clean, motion.true_frequency_hz,
-    )  # fmt: skip
-    return RigRun(motion.test, motion.true_frequency_hz, motion.sample_times_s, u, f)
+    def observe(self, motion: RigMotion, index: int = 0, clean: bool = False) -> RigRun:
+        """Record a motion; of the faults, those of the measuring chain act here."""
+        act = acting(self.faults)
+        chain = act.chain
+        if act.gain_scatter is not None:
+            chain = replace(chain, gain=scatter(act.gain_scatter, index))
+        if act.amplitude_gain is not None:
+            chain = replace(chain, gain=chain.gain * float(act.amplitude_gain(np.array(motion.test.amplitude_mm))))
+        u, f = measure(
+            motion.time_s, motion.displacement_mm, motion.force_N, motion.sample_times_s, self.setup.sensors, chain,
+            np.random.default_rng([self.seed, index, 1]), clean, motion.true_frequency_hz,
+        )  # fmt: skip
+        return RigRun(motion.test, motion.true_frequency_hz, motion.sample_times_s, u, f)
 
+    def move(self, test: PlannedTest, index: int = 0, fidelity: Fidelity = FULL) -> RigMotion:
+        """Move through one test from rest. The controller first makes two short trial runs and sets drive and offset so
+        that the displacement at the sensor has the wanted amplitude and no offset."""
+        check_faults(self.faults)
+        act, setup = acting(self.faults), self.setup
+        if fidelity == FULL and act.remembers:
+            fidelity = RATED
+        rng = np.random.default_rng([self.seed, index, 0])
+        frequency = test.frequency_hz * (1 + setup.frequency_error * rng.uniform(-1, 1))
+        amplitude = test.amplitude_mm * (1 + setup.amplitude_error * rng.standard_normal())
+        start, phase2, phase3 = rng.uniform(0, 2 * np.pi, 3)
+        second, third = setup.second_harmonic * rng.uniform(0.3, 1), setup.third_harmonic * rng.uniform(0.3, 1)
+        beats = setup.wander * rng.standard_normal(6)
+        body = self.specimen.coarse(fidelity.sliders)
+        if act.stiffness_scatter is not None:
+            body = body.scaled(scatter(act.stiffness_scatter, index))
+        if act.friction_scatter is not None:
+            body = replace(body, slip_share_N=body.slip_share_N * scatter(act.friction_scatter, index))
 
-def move(
-    specimen: Specimen,
-    test: PlannedTest,
-    *,
-    setup: Setup,
-    faults: tuple[Fault, ...] = (),
-    seed: int = 0,
-    index: int = 0,
-    fidelity: Fidelity = FULL,
-) -> RigMotion:
-    """Move the rig through one test from rest; see `simulate_test`."""
-    check_faults(faults)
-    act = acting(faults)
-    if fidelity == FULL and act.remembers:
-        fidelity = RATED
-    rng = np.random.default_rng([seed, index, 0])
-    frequency = test.frequency_hz * (1 + setup.frequency_error * rng.uniform(-1, 1))
-    amplitude = test.amplitude_mm * (1 + setup.amplitude_error * rng.standard_normal())
-    start, phase2, phase3 = rng.uniform(0, 2 * np.pi, 3)
-    second, third = setup.second_harmonic * rng.uniform(0.3, 1), setup.third_harmonic * rng.uniform(0.3, 1)
-    beats = setup.wander * rng.standard_normal(6)
-    body = specimen.coarse(fidelity.sliders)
-    if act.stiffness_scatter is not None:
-        body = body.scaled(scatter(act.stiffness_scatter, index))
-    if act.friction_scatter is not None:
-        body = replace(body, slip_share_N=body.slip_share_N * scatter(act.friction_scatter, index))
+        def shape(t: Array, run_in: float) -> Array:
+            turn = 2 * np.pi * frequency * t + start
+            wave = np.sin(turn) + second * np.sin(2 * turn + phase2) + third * np.sin(3 * turn + phase3)
+            rise = np.clip((t * frequency + run_in) / min(3.0, run_in), 0.0, 1.0)
+            slow = 1.0 + sum(
+                b * np.sin(2 * np.pi * (0.13 + 0.11 * i) * t + i) for i, b in enumerate(beats / np.sqrt(3))
+            )
+            return np.asarray(np.sin(0.5 * np.pi * rise) ** 2 * slow * wave)
 
-    def shape(t: Array, run_in: float) -> Array:
-        turn = 2 * np.pi * frequency * t + start
-        wave = np.sin(turn) + second * np.sin(2 * turn + phase2) + third * np.sin(3 * turn + phase3)
-        rise = np.clip((t * frequency + run_in) / min(3.0, run_in), 0.0, 1.0)
-        slow = 1.0 + sum(b * np.sin(2 * np.pi * (0.13 + 0.11 * i) * t + i) for i, b in enumerate(beats / np.sqrt(3)))
-        return np.asarray(np.sin(0.5 * np.pi * rise) ** 2 * slow * wave)
+        def march_through(
+            rate: float, begin: float, stop: float, run_in: float, size: float, offset: float,
+            own_amplitude: float, sliders: Specimen,
+        ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+            t = begin + np.arange(int(np.ceil((stop - begin) * rate)) + 1) / rate
+            drive = size * shape(t, run_in) + offset * np.clip((t - begin) * frequency, 0.0, 1.0)
+            values = kernel_values(sliders, setup, act, frequency, own_amplitude, 1 / rate)
+            force, deformation, _ = march(
+                drive, t * frequency, 1 / rate, sliders.stiffness_share, sliders.slip_share_N, *values
+            )
+            return t, drive - shaker_stretch(force, values[0]), force, deformation
 
-    def march_through(
-        rate: float, begin: float, stop: float, run_in: float, size: float, offset: float,
-        own_amplitude: float, sliders: Specimen,
-    ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
-        t = begin + np.arange(int(np.ceil((stop - begin) * rate)) + 1) / rate
-        drive = size * shape(t, run_in) + offset * np.clip((t - begin) * frequency, 0.0, 1.0)
-        values = kernel_values(sliders, setup, act, frequency, own_amplitude, 1 / rate)
-        force, deformation, _ = march(
-            drive, t * frequency, 1 / rate, sliders.stiffness_share, sliders.slip_share_N, *values
-        )
-        return t, drive - shaker_stretch(force, values[0]), force, deformation
-
-    # the controller's trial runs: five cycles, coarse, looking at the last
-    size, offset, own = amplitude, 0.0, amplitude
-    for _ in range(2):
-        rate = 300 * frequency
-        t, seen, _, deformation = march_through(
-            rate, -5 / frequency, 0.0, 5.0, size, offset, own, body.coarse(COARSE.sliders)
-        )
-        last = t >= -1 / frequency - 1e-12
-        correction = amplitude / (0.5 * np.ptp(seen[last]))
-        size *= correction
-        own = max(float(deformation[last].max()) * correction, 1e-3 * amplitude)
-        offset -= seen[last][1:].mean()  # one whole cycle: its first sample is its last
-    # the analogue filters want a rate well above theirs, whatever the motion needs
-    slowest = 8 if fidelity.steps >= 1000 else 2
-    multiple = max(slowest, int(np.ceil(fidelity.steps * frequency / setup.sample_rate_hz)))
-    margin = 0.01
-    t, seen, force, _ = march_through(
-        multiple * setup.sample_rate_hz, -test.run_in / frequency, test.cycles / frequency + margin,
-        float(test.run_in), size, offset, own, body,
-    )  # fmt: skip
-    n = round(test.cycles / test.frequency_hz * setup.sample_rate_hz)
-    samples = np.arange(n) / setup.sample_rate_hz
-    return RigMotion(test, frequency, t, seen, force, samples)
-
-
-def simulate_tests(
-    specimen: Specimen,
-    tests: Sequence[PlannedTest],
-    *,
-    setup: Setup | None = None,
-    faults: tuple[Fault, ...] = (),
-    seed: int = 0,
-    first_index: int = 0,
-    fidelity: Fidelity = FULL,
-    clean: bool = False,
-) -> tuple[RigRun, ...]:
-    """Run several tests of one campaign; see `simulate_test`."""
-    run = partial(simulate_test, setup=setup, faults=faults, seed=seed, fidelity=fidelity, clean=clean)
-    return tuple(run(specimen, test, index=i) for i, test in enumerate(tests, start=first_index))
+        # the controller's trial runs: five cycles, coarse, looking at the last
+        size, offset, own = amplitude, 0.0, amplitude
+        for _ in range(2):
+            rate = 300 * frequency
+            t, seen, _, deformation = march_through(
+                rate, -5 / frequency, 0.0, 5.0, size, offset, own, body.coarse(COARSE.sliders)
+            )
+            last = t >= -1 / frequency - 1e-12
+            correction = amplitude / (0.5 * np.ptp(seen[last]))
+            size *= correction
+            own = max(float(deformation[last].max()) * correction, 1e-3 * amplitude)
+            offset -= seen[last][1:].mean()  # one whole cycle: its first sample is its last
+        # the analogue filters want a rate well above theirs, whatever the motion needs
+        slowest = 8 if fidelity.steps >= 1000 else 2
+        multiple = max(slowest, int(np.ceil(fidelity.steps * frequency / setup.sample_rate_hz)))
+        margin = 0.01
+        t, seen, force, _ = march_through(
+            multiple * setup.sample_rate_hz, -test.run_in / frequency, test.cycles / frequency + margin,
+            float(test.run_in), size, offset, own, body,
+        )  # fmt: skip
+        n = round(test.cycles / test.frequency_hz * setup.sample_rate_hz)
+        samples = np.arange(n) / setup.sample_rate_hz
+        return RigMotion(test, frequency, t, seen, force, samples)
 
 
 def with_noise(setup: Setup, share: float, friction_N: float, largest_mm: float) -> Setup:

@@ -10,8 +10,8 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.virtual_rig.fault import Fault, Surroundings
 from bayes_iwan.virtual_rig.faults import KINDS, acting, complete, drawn, laws_of
-from bayes_iwan.virtual_rig.simulate import COARSE, PlannedTest, RigMotion, RigRun, Setup, move, observe, simulate_tests
-from bayes_iwan.virtual_rig.specimen import RigError, Specimen
+from bayes_iwan.virtual_rig.simulate import COARSE, PlannedTest, RigMotion, RigRun, VirtualRig
+from bayes_iwan.virtual_rig.specimen import RigError
 
 #: a specimen's tests without any fault: what faults are compared with, the records, and the motion behind them
 Sound = tuple[Surroundings, tuple[RigRun, ...], tuple[RigMotion, ...]]
@@ -49,40 +49,30 @@ def force_change_N(changed: Sequence[RigRun], sound: Sequence[RigRun], about_mea
     return float(np.sqrt(np.mean(squares)))
 
 
-def surroundings(
-    specimen: Specimen, tests: Sequence[PlannedTest], *, setup: Setup | None = None, seed: int = 0
-) -> Sound:
+def surroundings(rig: VirtualRig, tests: Sequence[PlannedTest]) -> Sound:
     """Trial runs without any fault: what faults are compared with. Coarse and clean."""
-    setup = setup or Setup()
-    motions = tuple(move(specimen, t, setup=setup, seed=seed, index=i, fidelity=COARSE) for i, t in enumerate(tests))
-    runs = _observed(motions, (), setup, seed)
+    motions = tuple(rig.move(t, i, COARSE) for i, t in enumerate(tests))
+    runs = _observed(rig, motions)
     around = Surroundings(
-        specimen=specimen,
         frequencies_hz=tuple(t.frequency_hz for t in tests),
         amplitudes_mm=tuple(t.amplitude_mm for t in tests),
         record_s=float(np.mean([t.cycles / t.frequency_hz for t in tests])),
-        friction_rms_N=friction_of_runs_N(runs, specimen.parallel_N_mm),
+        friction_rms_N=friction_of_runs_N(runs, rig.specimen.parallel_N_mm),
         force_peak_N=max(float(np.max(np.abs(r.force_N))) for r in runs),
     )
     return around, runs, motions
 
 
-def _observed(
-    motions: Sequence[RigMotion], faults: tuple[Fault, ...], setup: Setup | None, seed: int
-) -> tuple[RigRun, ...]:
-    return tuple(
-        observe(m, setup=setup or Setup(), faults=faults, seed=seed, index=i, clean=True) for i, m in enumerate(motions)
-    )
+def _observed(rig: VirtualRig, motions: Sequence[RigMotion]) -> tuple[RigRun, ...]:
+    return tuple(rig.observe(m, i, clean=True) for i, m in enumerate(motions))
 
 
-def _changed(
-    specimen: Specimen, sound: Sound, faults: tuple[Fault, ...], setup: Setup | None, seed: int
-) -> tuple[RigRun, ...]:
+def _changed(rig: VirtualRig, sound: Sound, faults: tuple[Fault, ...]) -> tuple[RigRun, ...]:
     """The tests of `sound` again with faults in them; the motion is that of the sound rig where it may be."""
+    rig = replace(rig, faults=faults)
     if acting(faults).only_measured:
-        return _observed(sound[2], faults, setup, seed)
-    tests = [m.test for m in sound[2]]
-    return simulate_tests(specimen, tests, setup=setup, faults=faults, seed=seed, fidelity=COARSE, clean=True)
+        return _observed(rig, sound[2])
+    return rig.run_all([m.test for m in sound[2]], fidelity=COARSE, clean=True)
 
 
 def trial_tests(tests: Sequence[PlannedTest], laws: Sequence[tuple[str, str]]) -> tuple[PlannedTest, ...]:
@@ -97,38 +87,21 @@ def _about_mean(faults: Sequence[Fault]) -> bool:
     return any(f.name == "force_highpass" for f in faults)
 
 
-def fault_size(
-    specimen: Specimen,
-    tests: Sequence[PlannedTest],
-    fault: Fault,
-    *,
-    setup: Setup | None = None,
-    seed: int = 0,
-    sound: Sound | None = None,
-) -> float:
+def fault_size(rig: VirtualRig, tests: Sequence[PlannedTest], fault: Fault, *, sound: Sound | None = None) -> float:
     """RMS change of the force with the fault, before any refit, over the RMS friction force without it.
 
     A force high-pass takes the mean force away at any corner: its size is that of the alternating part.
     `sound`: the surroundings and runs of these very tests, if there are any.
     """
-    sound = sound or surroundings(specimen, tests, setup=setup, seed=seed)
-    changed = _changed(specimen, sound, (fault,), setup, seed)
+    sound = sound or surroundings(rig, tests)
+    changed = _changed(rig, sound, (fault,))
     return force_change_N(changed, sound[1], _about_mean((fault,))) / sound[0].friction_rms_N
 
 
 def size_fault(
-    name: str,
-    size: float,
-    specimen: Specimen,
-    tests: Sequence[PlannedTest],
-    rng: np.random.Generator,
-    *,
-    law: str = "",
-    setup: Setup | None = None,
-    seed: int = 0,
-    sound: Sound | None = None,
-    tolerance: float = 0.02,
-) -> Fault:
+    name: str, size: float, rig: VirtualRig, tests: Sequence[PlannedTest], rng: np.random.Generator,
+    *, law: str = "", sound: Sound | None = None, tolerance: float = 0.02,
+) -> Fault:  # fmt: skip
     """The fault `name`, by `law` (the catalogue's for none), at the strength that changes the force by `size` of the
     RMS friction force.
 
@@ -138,13 +111,12 @@ def size_fault(
     if name not in KINDS:
         raise RigError(f"no fault {name!r}; the rig has: {', '.join(KINDS)}")
     law = law or laws_of(name)[0]
-    sound = sound or surroundings(specimen, tests, setup=setup, seed=seed)
+    sound = sound or surroundings(rig, tests)
     others = drawn(name, law, sound[0], rng)
 
     def trial(strength: float) -> Fault:
         fault = complete(name, law, others, sound[0], strength)
-        found = fault_size(specimen, tests, fault, setup=setup, seed=seed, sound=sound)
-        return replace(fault, size=found)
+        return replace(fault, size=fault_size(rig, tests, fault, sound=sound))
 
     low, low_size, high, best = 0.0, 0.0, 1.0, trial(1.0)
     if best.size < size:
@@ -172,14 +144,7 @@ def _column(parts: Sequence[Array], about_mean: bool) -> Array:
     return np.concatenate([(c - c.mean() if about_mean else c) / np.sqrt(c.size) for c in parts])
 
 
-def shares_left(
-    specimen: Specimen,
-    tests: Sequence[PlannedTest],
-    faults: Sequence[Fault],
-    *,
-    setup: Setup | None = None,
-    seed: int = 0,
-) -> tuple[Fault, ...]:
+def shares_left(rig: VirtualRig, tests: Sequence[PlannedTest], faults: Sequence[Fault]) -> tuple[Fault, ...]:
     """The faults with their visible share and their shares of the gap that they leave together.
 
     *Visible share*: what is left, in RMS, of a fault's change of the force after the best combination of small changes
@@ -193,13 +158,13 @@ def shares_left(
     """
     if not faults:
         return ()
-    sound = surroundings(specimen, trial_tests(tests, [(f.name, f.law) for f in faults]), setup=setup, seed=seed)
+    sound = surroundings(rig, trial_tests(tests, [(f.name, f.law) for f in faults]))
     about_mean = _about_mean(faults)
-    basis = _imitations(specimen, trial_tests(tests, ()), sound[1], about_mean, setup, seed)
+    basis = _imitations(rig, trial_tests(tests, ()), sound[1], about_mean)
 
     def change(present: tuple[Fault, ...]) -> tuple[float, float]:
         """RMS of the change of the force, and of its visible part."""
-        c = _column(_changes(_changed(specimen, sound, present, setup, seed), sound[1]), about_mean)
+        c = _column(_changes(_changed(rig, sound, present), sound[1]), about_mean)
         return float(np.linalg.norm(c)), float(np.linalg.norm(c - basis @ (basis.T @ c)))
 
     n, out = len(faults), []
@@ -212,20 +177,13 @@ def shares_left(
     return tuple(out)
 
 
-def _imitations(
-    specimen: Specimen,
-    tests: Sequence[PlannedTest],
-    runs: Sequence[RigRun],
-    about_mean: bool,
-    setup: Setup | None,
-    seed: int,
-) -> Array:
+def _imitations(rig: VirtualRig, tests: Sequence[PlannedTest], runs: Sequence[RigRun], about_mean: bool) -> Array:
     """Orthonormal columns: the changes of the force that small changes of the specimen's parameters make.
 
     They are run on the few cycles of `tests`, and go on as in their last two over the whole of `runs`.
     """
-    short = simulate_tests(specimen, tests, setup=setup, seed=seed, fidelity=COARSE, clean=True)
-    coarse = specimen.coarse(COARSE.sliders)
+    short = rig.run_all(tests, fidelity=COARSE, clean=True)
+    coarse = rig.specimen.coarse(COARSE.sliders)
     factors = {"parallel_N_mm": 1.01, "contact_N_mm": 1.01, "curve": 1.05, "curve_power": 1.05, "kn_1_mm": 1.05}
     factors |= {"lambda_s_m": 1.05, "beta": 1.1}
     bodies = [replace(coarse, **{name: getattr(coarse, name) * factor}) for name, factor in factors.items()]
@@ -235,7 +193,7 @@ def _imitations(
         bodies.append(replace(coarse, slip_share_N=slip))
     columns = []
     for body in bodies:
-        changed = simulate_tests(body, tests, setup=setup, seed=seed, fidelity=COARSE, clean=True)
+        changed = replace(rig, specimen=body).run_all(tests, fidelity=COARSE, clean=True)
         going_on = [_goes_on(c, a, b) for c, a, b in zip(_changes(changed, short), short, runs)]
         columns.append(_column(going_on, about_mean))
     matrix = np.array([c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 0]).T

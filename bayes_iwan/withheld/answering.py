@@ -134,27 +134,14 @@ def _answer_one(task: _Task, name: str) -> dict[str, object]:
     scratch = confinement.temporary_folder()
     cache = task.out / _CACHE
     cache.mkdir(exist_ok=True)
-    order = {
-        "module": task.module,
-        "function": task.function,
-        "campaign": str(task.directory / name),
-        "out": str(folder),
-        "scratch": str(scratch),
-        "cache": str(cache),
-        "closed": [str(truth_folder(task.directory))],
-        "seed": case_seed(task.seed, name),
-        "quick": task.quick,
-    }
-    environment = os.environ | {
-        "NUMBA_CACHE_DIR": str(cache),
-        "TMPDIR": str(scratch),
-        "HOME": str(scratch),
-        "MPLCONFIGDIR": str(scratch),
-        "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "OPENBLAS_NUM_THREADS": "1",
-        "NUMBA_NUM_THREADS": "1",
-    }
+    places = {"campaign": task.directory / name, "out": folder, "scratch": scratch, "cache": cache}
+    order = {"module": task.module, "function": task.function, "quick": task.quick}
+    order |= {"seed": case_seed(task.seed, name), "closed": [str(truth_folder(task.directory))]}
+    order |= {place: str(path) for place, path in places.items()}
+    modules = {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    ones = ("PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+    own = dict.fromkeys(("TMPDIR", "HOME", "MPLCONFIGDIR"), str(scratch)) | dict.fromkeys(ones, "1")
+    environment = os.environ | modules | own
     try:
         done = subprocess.run(
             [sys.executable, "-m", "bayes_iwan.withheld.answering"],

@@ -105,15 +105,11 @@ def _second(name: str, answer: Mapping[str, Any], probabilities: Mapping[str, fl
 
 def _named(cause: Mapping[str, Any]) -> Named:
     low, high = cause.get("share_interval") or (float("nan"), float("nan"))
-    return Named(
-        str(cause["name"]),
-        json_number(cause["probability"]),
-        json_number(cause.get("share")),
-        json_number(low),
-        json_number(high),
-        json_number(cause.get("share_held_out")),
-        frozenset(cause.get("tied_with") or ()),
+    probability, share, held_out = map(
+        json_number, (cause["probability"], cause.get("share"), cause.get("share_held_out"))
     )
+    alike = frozenset(cause.get("tied_with") or ())
+    return Named(str(cause["name"]), probability, share, json_number(low), json_number(high), held_out, alike)
 
 
 def _first(name: str, verdict: Mapping[str, Any], probabilities: dict[str, float]) -> Answer:

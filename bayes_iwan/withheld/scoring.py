@@ -71,22 +71,17 @@ class Score:
     def as_dict(self) -> dict[str, object]:
         """Plain numbers for JSON; nan becomes None."""
         rows, columns, counts = confusion(self.cases)
-        return dict(
-            finite(
-                {
-                    "schema": 2,
-                    "summary": self.summary,
-                    "excluded_from_calibration": self.held_back,
-                    "findable_visible": self.findable_visible,
-                    "by_law": by_law(self.cases),
-                    "by_outside": by_outside(self.cases),
-                    "confusion": {"truth": rows, "verdict": columns, "counts": counts.astype(int).tolist()},
-                    "cases": list(map(_case, self.cases)),
-                    "faulty": list(map(_case, self.faulty)),
-                    "notes": self.notes,
-                }
-            )
-        )
+        out = {
+            "schema": 2,
+            "summary": self.summary,
+            "excluded_from_calibration": self.held_back,
+            "findable_visible": self.findable_visible,
+            "by_law": by_law(self.cases),
+            "by_outside": by_outside(self.cases),
+            "confusion": {"truth": rows, "verdict": columns, "counts": counts.astype(int).tolist()},
+        }
+        cases = {n: list(map(_case, some)) for n, some in (("cases", self.cases), ("faulty", self.faulty))}
+        return dict(finite(out | cases | {"notes": self.notes}))
 
 
 def _said(c: CaseScore) -> str:

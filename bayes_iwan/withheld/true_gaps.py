@@ -36,12 +36,6 @@ def true_gaps_N(case: Case, seed: int) -> dict[frozenset[str], float]:
     return {some: gap_N(some) for some in subsets(names)} if names else {}
 
 
-def made(gap_N: GapByFaults) -> dict[str, float]:
-    """Share of the base model's gap that each fault makes, all faults counted; what they leave of one is the
-    specimen's own difference from the model."""
-    return removed(gap_N, max(gap_N, key=len, default=frozenset()))
-
-
 def removed(gap_N: GapByFaults, some: Collection[str]) -> dict[str, float]:
     """Share of the gap that would be gone with each of some faults, all others there: what an answer says that names
     these and no others. As :func:`shares_of` divides it."""

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +11,6 @@ import pytest
 import bayes_iwan as bi
 from bayes_iwan.export import exporting
 from bayes_iwan.files import write_whole
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "analyses"))
 
 
 @pytest.fixture(scope="session")

@@ -13,12 +13,7 @@ import pytest
 import bayes_iwan as bi
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.inference.each_frequency import FrequencyError, identify_frequencies
-from bayes_iwan.inference.identify import (
-    _posterior,
-    identify_campaign,
-    identify_loops,
-    identify_problem,
-)
+from bayes_iwan.inference.identify import _posterior, identify_campaign, identify_loops, identify_problem
 from bayes_iwan.inference.results import run_files
 from bayes_iwan.inference.results.held_out_frequencies import by_frequency
 from bayes_iwan.inference.results.remarks import remarks, searches_said
@@ -37,14 +32,7 @@ SMALL = {
     "parameters": {"force_zero_N": {"fixed": 0.0}},
     "likelihood": {"kind": "gaussian"},
     "search": {"members": 40, "evaluations": 1200, "starts": 4},
-    "sampling": {
-        "ensembles": 2,
-        "walkers": 24,
-        "r_hat": 1.05,
-        "ess": 150,
-        "taus": 20,
-        "draws": 1000,
-    },
+    "sampling": {"ensembles": 2, "walkers": 24, "r_hat": 1.05, "ess": 150, "taus": 20, "draws": 1000},
 }
 TRUE = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
 
@@ -117,16 +105,8 @@ def test_files_are_what_was_promised(run):
     assert point["most_probable"]["numbers"]["kp_N_mm"] == pytest.approx(5.5, rel=0.01)
     assert len(point["searches"]) == 2 and len(point["searches"][0]["best"]) > 3
     with h5py.File(out / "posterior.nc") as file:
-        for group in (
-            "posterior",
-            "prior",
-            "posterior_predictive",
-            "prior_predictive",
-            "log_likelihood",
-            "observed_data",
-            "constant_data",
-            "sample_stats",
-        ):
+        groups = "posterior prior posterior_predictive prior_predictive log_likelihood observed_data constant_data"
+        for group in (*groups.split(), "sample_stats"):
             assert len(file[group]) > 0, group
         assert file["posterior/kp_N_mm"].shape == posterior.z.shape[:2]
         assert json.loads(file.attrs["config"])["sampling"]["walkers"] == 24 and file.attrs["seed"] == 1
@@ -138,17 +118,7 @@ def test_a_result_is_loaded_again(run):
     again = run_files.load(out)
     np.testing.assert_array_equal(again.z, posterior.z)
     np.testing.assert_array_equal(again.log_prob, posterior.log_prob)
-    for name in (
-        "walkers",
-        "thin",
-        "seed",
-        "converged",
-        "message",
-        "stop",
-        "settings",
-        "versions",
-        "timings",
-    ):
+    for name in ("walkers", "thin", "seed", "converged", "message", "stop", "settings", "versions", "timings"):
         assert getattr(again, name) == getattr(posterior, name), name
     assert again.convergence == posterior.convergence and again.simulator_file == posterior.simulator_file
     assert again.point.goal == posterior.point.goal and again.names == posterior.names

@@ -84,12 +84,7 @@ def test_draws_given_the_others_have_the_conditional_mean_and_covariance(margina
 
 
 @pytest.mark.parametrize(
-    "config",
-    [
-        {"model": {"embedded": False}},
-        {"likelihood": {"kind": "laplace"}},
-    ],
-    ids=["plain", "not normal"],
+    "config", [{"model": {"embedded": False}}, {"likelihood": {"kind": "laplace"}}], ids=["plain", "not normal"]
 )
 def test_nothing_is_integrated_out_where_that_is_not_exact(loops, config):
     problem = make_problem(loops, {"model": {**SIMPLE["model"], **config.get("model", {})}} | {

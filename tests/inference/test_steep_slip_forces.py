@@ -28,7 +28,7 @@ def uniform():
         family="uniform",
     )
     tests = tuple(rig.PlannedTest(f, a, cycles=12) for f in (8.0, 20.0) for a in (0.25, 0.5, 0.8))
-    runs = rig.simulate_tests(specimen, tests, setup=setup, seed=3)
+    runs = rig.VirtualRig(specimen, setup, seed=3).run_all(tests)
     kp = 1.0 / (1.0 / specimen.parallel_N_mm + setup.fixture_compliance_mm_N)
     return [in_band(average(r, 64, 24)) for r in rig.records(runs)], kp
 

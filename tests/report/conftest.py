@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Campaign, Record, average
-from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow
+from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import Point, laplace_scale, most_probable
@@ -17,18 +16,8 @@ from bayes_iwan.models import Model, Reference, sine_motion
 from bayes_iwan.sampling.convergence import convergence_of
 
 RATE = 1280.0
-TRUTH = {
-    "kp_N_mm": 5.4,
-    "force_zero_N": 0.0,
-    "k1_N_mm": 15.0,
-    "stiffness_ratio": 0.6,
-    "t1_N": 0.5,
-    "eta1": 2.2,
-    "g1": 1.0,
-    "normal_force_slope": 0.3,
-    "normal_force_rate": 0.07,
-    "beta": 0.6,
-}
+TRUTH = {"kp_N_mm": 5.4, "force_zero_N": 0.0, "k1_N_mm": 15.0, "stiffness_ratio": 0.6, "t1_N": 0.5, "eta1": 2.2}
+TRUTH |= {"g1": 1.0, "normal_force_slope": 0.3, "normal_force_rate": 0.07, "beta": 0.6}
 SETTINGS = settings_of({"model": {"slip": "gamma1", "embedded": False}})
 
 
@@ -68,38 +57,11 @@ def made_posterior(records, settings=SETTINGS, draws=1024, path=Path(".")):
     z, lp = z[:keep].reshape(4, -1, problem.ndim), lp[:keep].reshape(4, -1)
     c = convergence_of(np.moveaxis(z.reshape(4, 8, -1, problem.ndim), 1, 2), problem.names)
     rows = tuple(ConvergenceRow(*x) for x in zip(c.names, c.ess_bulk, c.ess_tail, c.r_hat, c.tau_steps))
-    point = Point(
-        optima[0],
-        float(problem.goal(optima[:1])[0]),
-        0.01,
-        optima[0],
-        float(log_prob[0]),
-        0.0,
-        optima,
-        log_prob,
-        (),
-        1,
-        0.1,
-        optima[:1],
-        log_prob[:1],
-    )
-    return Posterior(
-        problem,
-        campaign,
-        loops,
-        z,
-        lp,
-        8,
-        1,
-        point,
-        1,
-        True,
-        "made for tests",
-        settings,
-        {"python": "3"},
-        {"point_s": 1.0, "sampling_s": 2.0, "steps": 100.0, "evaluations": 1e4},
-        rows,
-    )
+    best, found = (optima[0], float(problem.goal(optima[:1])[0])), (optima[:1], log_prob[:1])
+    point = Point(*best, 0.01, optima[0], float(log_prob[0]), 0.0, optima, log_prob, (), 1, 0.1, *found)
+    said = {"seed": 1, "converged": True, "message": "made for tests", "versions": {"python": "3"}}
+    said["timings"] = {"point_s": 1.0, "sampling_s": 2.0, "steps": 100.0, "evaluations": 1e4}
+    return Posterior(problem, campaign, loops, z, lp, 8, 1, point, settings=settings, convergence=rows, **said)
 
 
 TESTS = ((10.0, 0.4, "fit"), (10.0, 1.0, "fit"), (20.0, 0.4, "fit"), (20.0, 1.0, "fit"), (15.0, 0.7, "held-out"))

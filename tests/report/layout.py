@@ -2,14 +2,65 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 import subprocess
 import unicodedata
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 from bayes_iwan.report.browser import OPTIONS, find_browser
+
+VOID = {"meta", "link", "br", "input", "img", "path", "circle", "use", "hr"}
+
+
+class Outline(HTMLParser):
+    """Ids, headings (levels, and texts of the second), pictures, controls, links and outside references of a page, and
+    whether its tags close."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids, self.headings, self.titles, self.open, self.pictures, self.controls = [], [], [], [], [], []
+        self.links, self.outside = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        a = dict(attrs)
+        self.ids += [v for k, v in attrs if k == "id" or (k, tag) == ("name", "a")]
+        self.headings += [int(tag[1])] if re.fullmatch(r"h[1-6]", tag) else []
+        references = [v for k, v in attrs if k in ("src", "href", "xlink:href", "action") and v]
+        self.outside += [x for x in references if not x.startswith(("#", "data:"))]
+        self.links += references if tag in ("a", "link", "img", "script") else []
+        if tag == "img":
+            self.pictures.append(a.get("alt"))
+        if tag == "svg" and a.get("role") == "img":
+            self.pictures.append(a.get("aria-labelledby"))
+        if tag in ("select", "input"):
+            self.controls.append((a.get("id"), "label" in self.open))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.open.pop() == tag, tag
+
+    def handle_data(self, data):
+        if self.open[-1:] == ["h2"]:
+            self.titles.append(data.strip())
+
+
+def visible(page: str) -> str:
+    """A page's words as a reader sees them, figures' texts included; scripts, styles and pictures left out."""
+    page = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.S)
+    return html.unescape(re.sub(r"<[^>]+>", " ", page))
+
 
 BROWSER = find_browser()
 NO_BROWSER = "no Chromium here; to run these tests: apt-get update && apt-get install -y chromium"
@@ -63,37 +114,26 @@ function cut(doc, width) {
 </script></body>"""
 
 
-def run_browser(page: Path, profile: Path, *options: str) -> tuple[str, str]:
-    """Run Chromium on a local file; returns its stdout and stderr."""
+def run_browser(page: Path | str, profile: Path, *options: str) -> tuple[str, str]:
+    """Run Chromium on a local file or an address; returns its stdout and stderr."""
     command = [str(BROWSER), *OPTIONS, f"--user-data-dir={profile}", "--enable-logging=stderr"]
-    run = subprocess.run(
-        [*command, "--virtual-time-budget=20000", *options, page.as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=180,
-        check=False,
-    )
+    command += ["--virtual-time-budget=20000", *options, page if isinstance(page, str) else page.as_uri()]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
     return run.stdout, run.stderr
-
-
-def unescaped(text: str) -> str:
-    for code, sign in (("&lt;", "<"), ("&gt;", ">"), ("&quot;", '"'), ("&amp;", "&")):
-        text = text.replace(code, sign)
-    return text
 
 
 def cut_elements(
     page: Path, folder: Path, widths: tuple[int, ...] = WIDTHS, scrolled: int = 10_000
 ) -> dict[str, list[str]]:
     """What is cut or sticks out of a page, a list for each width in px; below `scrolled` px tables may scroll."""
-    html = page.read_text(encoding="utf-8").replace("<head>", f'<head><base href="{page.parent.as_uri()}/">', 1)
-    source = json.dumps(html).replace("<", "\\u003c")
+    text = page.read_text(encoding="utf-8").replace("<head>", f'<head><base href="{page.parent.as_uri()}/">', 1)
+    source = json.dumps(text).replace("<", "\\u003c")
     wrapper = folder / f"{page.stem}_wrapped.html"
     wrapper.write_text(_WRAPPER % (source, json.dumps(widths), scrolled), encoding="utf-8")
     out, err = run_browser(wrapper, folder / "profile", "--dump-dom", "--window-size=1500,1300")
     found = re.search(r'<pre id="found">(.*?)</pre>', out, re.S)
     assert found, err[-2000:]
-    return json.loads(unescaped(found.group(1)))
+    return json.loads(html.unescape(found.group(1)))
 
 
 def printed(pdf: Path) -> list[list[tuple[str, float, float]]]:
@@ -124,20 +164,20 @@ def _squeezed(text: str) -> str:
 def torn(page: Path, pdf: Path) -> list[str]:
     """Headings that end a printed page, texts beyond a page's edge, and figures whose caption stands on another page
     than they do."""
-    html, bad = page.read_text(encoding="utf-8"), []
+    whole, bad = page.read_text(encoding="utf-8"), []
     pages = printed(pdf)
     squeezed = [_squeezed("".join(t for t, _, _ in texts)) for texts in pages]
     for number, texts in enumerate(pages, 1):
         bad += [f"page {number}: {t[:40]} beyond the edge" for t, x, y in texts if not (0 <= x <= 1 and 0 <= y <= 1)]
-    for heading in re.findall(r"<h[23][^>]*>(.*?)</h[23]>", html, re.S):
-        said = _squeezed(unescaped(heading))
+    for heading in re.findall(r"<h[23][^>]*>(.*?)</h[23]>", whole, re.S):
+        said = _squeezed(html.unescape(heading))
         if any(text.endswith(said) for text in squeezed[:-1]):
             bad.append(f"{heading}: ends a page")
-    printable = re.sub(r'<div class="picture phone">.*?</div>', "", html, flags=re.S)
+    printable = re.sub(r'<div class="picture phone">.*?</div>', "", whole, flags=re.S)
     for svg, name in re.findall(
         r"<figure>(?:(?!</figure>).)*?(<svg.*?</svg>).*?\[([a-z_0-9]+)\]</span>", printable, re.S
     ):
-        words = [_squeezed(unescaped(w)) for w in re.findall(r"<text[^>]*>([^<]{6,})</text>", svg)]
+        words = [_squeezed(html.unescape(w)) for w in re.findall(r"<text[^>]*>([^<]{6,})</text>", svg)]
         here = [text for text in squeezed if f"[{name}]" in text]
         if not here:
             bad.append(f"{name}: not printed")

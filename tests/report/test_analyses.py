@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +12,9 @@ from bayes_iwan.models import sine_motion
 from bayes_iwan.report.identification.predictive import predict
 
 
-def script(name):
-    path = Path(__file__).parents[2] / "analyses" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="module")
 def design():
-    return script("design_isolator")
+    return import_module("design_isolator")
 
 
 def test_stepwise_force_is_the_model_s(design, posterior):
@@ -61,7 +52,7 @@ def test_design_figure(design, posterior, capsys):
 
 
 def test_folds_and_coverage(posterior):
-    untested = script("predict_untested")
+    untested = import_module("predict_untested")
     folds = untested.folds(posterior.problem.loops)
     assert folds["10 Hz"] == ["f10_a0.4.csv", "f10_a1.csv"] and folds["1 mm"] == ["f10_a1.csv", "f20_a1.csv"]
     p = predict(posterior, [x for x in posterior.loops if x.role == "held-out"])
@@ -75,17 +66,16 @@ SCRIPTS = sorted(p.stem for p in (Path(__file__).parents[2] / "analyses").glob("
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_every_script_finds_what_it_takes_from_the_package_and_says_how_it_is_run(name, monkeypatch):
+def test_every_script_finds_what_it_takes_from_the_package_and_says_how_it_is_run(name):
     folder = Path(__file__).parents[2] / "analyses"
-    monkeypatch.syspath_prepend(str(folder))
     runs = "__main__" in (folder / f"{name}.py").read_text(encoding="utf-8")
-    assert runs == (f"analyses/{name}.py" in importlib.import_module(name).__doc__)
+    assert runs == (f"analyses/{name}.py" in import_module(name).__doc__)
 
 
 @pytest.mark.usefixtures("few_walkers")
 def test_loops_of_table_1_tell_the_product_alone(tmp_path):
     """Identified for two seconds, k̃ₙβ is found within some percent while β wanders far more."""
-    paper = script("reproduce_paper")
+    paper = import_module("reproduce_paper")
     model, parameter_values = paper.Model(paper.REFERENCE), paper.table_1(paper.REFERENCE)
     posterior = paper.identified(model, parameter_values, 2.0)
     draws = {name: q.values for name, q in posterior.derived().items()}

@@ -23,14 +23,7 @@ CONFIG = {
     "model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False},
     "likelihood": {"kind": "gaussian"},
     "search": {"members": 40, "evaluations": 1200, "starts": 4, "second_search": False},
-    "sampling": {
-        "ensembles": 2,
-        "walkers": 24,
-        "r_hat": 1.1,
-        "ess": 60.0,
-        "taus": 8.0,
-        "draws": 500,
-    },
+    "sampling": {"ensembles": 2, "walkers": 24, "r_hat": 1.1, "ess": 60.0, "taus": 8.0, "draws": 500},
 }
 
 

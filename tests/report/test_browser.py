@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 
@@ -11,7 +12,7 @@ from pypdf import PdfReader
 from bayes_iwan.report.browser import print_pdf
 from bayes_iwan.report.identification.predictive import predict
 
-from .layout import BROWSER, NO_BROWSER, run_browser, unescaped
+from .layout import BROWSER, NO_BROWSER, run_browser
 
 pytestmark = [pytest.mark.usefixtures("no_figure_files"), pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)]
 
@@ -82,7 +83,7 @@ def seen(page, tmp_path_factory):
     out, err = run_browser(path, folder / "profile", "--dump-dom", "--window-size=1200,900")
     found = re.search(r'<pre id="found">(.*?)</pre>', out, re.S)
     assert found, err[-2000:]
-    return json.loads(unescaped(found.group(1))), err
+    return json.loads(html.unescape(found.group(1))), err
 
 
 def test_no_error_and_nothing_from_outside(seen):

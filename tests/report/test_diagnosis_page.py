@@ -6,7 +6,6 @@ from __future__ import annotations
 import html
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,6 +28,8 @@ from bayes_iwan.report.diagnosis.diagnosis_page import write_diagnosis_page
 from bayes_iwan.report.diagnosis.gap_figures import GapPictures
 from bayes_iwan.report.page import provenance
 from bayes_iwan.report.rendering import Batch, Renderer
+
+from .layout import Outline
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
 
@@ -112,46 +113,9 @@ def answer(found, kind=None, **rest):
     return replace(found, budget=replace(found.budget, unexplained=replace(found.budget.unexplained, **rest)))
 
 
-class Parts(HTMLParser):
-    """Opened and closed tags, ids, and links to anywhere else."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.ids: list[str] = []
-        self.outside: list[str] = []
-        self.headings: list[str] = []
-
-    def handle_starttag(self, tag, attrs):
-        values = dict(attrs)
-        if tag not in ("meta", "link", "br", "img", "input", "path", "use"):
-            self.open.append(tag)
-        if "id" in values:
-            self.ids.append(values["id"])
-        for key in ("src", "href", "xlink:href"):
-            link = values.get(key) or ""
-            if link and not link.startswith(("#", "data:")):
-                self.outside.append(link)
-
-    def handle_startendtag(self, tag, attrs):
-        self.handle_starttag(tag, attrs)
-        if self.open and self.open[-1] == tag:
-            self.open.pop()
-
-    def handle_endtag(self, tag):
-        if self.open and self.open[-1] == tag:
-            self.open.pop()
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] == "h2":
-            self.headings.append(data.strip())
-
-
 def read(path):
     text = path.read_text()
-    parts = Parts()
-    parts.feed(text)
-    return text, parts
+    return text, Outline(text)
 
 
 def rows_of(text, caption):
@@ -177,7 +141,7 @@ def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures, m
     text, parts = read(write_diagnosis_page(odd, figures, tmp_path / "diagnosis.html", made))
     assert parts.outside == [] and parts.open == []
     assert len(parts.ids) == len(set(parts.ids))
-    assert parts.headings[:3] == ["Answer", "Where the model misses", "Which cause"]
+    assert parts.titles[:3] == ["Answer", "Where the model misses", "Which cause"]
     said = text.index("<br>".join(html.escape(s, quote=False).replace("'", "&#39;") for s in odd.sentences()))
     assert said < text.index("<svg") < text.index("It grows with")  # sentences, then one picture, then the rest
     assert "a &lt;rope&gt; &amp; spring" in text and "<rope>" not in text and "<frequency>" not in text

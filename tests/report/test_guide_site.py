@@ -4,14 +4,13 @@ import os
 import re
 import subprocess
 import sys
-from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
 from bayes_iwan.report.browser import print_pdf
 
-from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, torn
+from .layout import BROWSER, NO_BROWSER, WIDTHS, Outline, cut_elements, run_browser, torn
 
 GUIDE = Path(__file__).parents[2] / "analyses" / "guide"
 if not GUIDE.is_dir():
@@ -30,38 +29,20 @@ def site(tmp_path_factory):
     return out
 
 
-class Links(HTMLParser):
-    """Addresses and names of a page."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.used: set[str] = set()
-        self.names: set[str] = set()
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = dict(attrs)
-        self.names |= {x for x in (given.get("id"), given.get("name")) if x}
-        if tag in ("a", "link"):
-            self.used.add(given.get("href") or "")
-        elif tag in ("img", "script"):
-            self.used.add(given.get("src") or "")
-
-
 def test_links_lead_somewhere_and_nothing_is_loaded_from_outside(site):
-    pages = {p: Links(p.read_text(encoding="utf-8")) for p in site.glob("*.html")}
+    pages = {p: Outline(p.read_text(encoding="utf-8")) for p in site.glob("*.html")}
     assert len(pages) >= len([*GUIDE.glob("*.md")])
     for page, links in pages.items():
         if page.name == "404.html":
             continue  # made for a server's root
-        for link in links.used:
+        for link in links.links:
             path, _, name = link.partition("#")
             if not link or re.match(r"[a-z]+:", path):
                 continue
             target = page if not path else (page.parent / path)
             assert target.exists(), f"{page.name}: {link}"
             if name and target in pages:
-                assert name in pages[target].names, f"{page.name}: {link}"
+                assert name in pages[target].ids, f"{page.name}: {link}"
     outside = re.compile(r"<(?:script|img|link)[^>]+(?:src|href)=\"https?:")
     assert not [p.name for p in site.rglob("*.html") if outside.search(p.read_text(encoding="utf-8"))]
 
@@ -73,10 +54,8 @@ def test_formulae_are_mathml(site):
 
 def opened(address: str, folder: Path) -> tuple[str, str]:
     """The page as Chromium shows it, and what it says."""
-    options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
-    options += [f"--user-data-dir={folder}", "--enable-logging=stderr", "--virtual-time-budget=10000", "--dump-dom"]
-    done = subprocess.run([str(BROWSER), *options, address], capture_output=True, text=True, timeout=180, check=False)
-    return done.stdout, "\n".join(line for line in done.stderr.splitlines() if "CONSOLE" in line)
+    shown, said = run_browser(address, folder, "--dump-dom")
+    return shown, "\n".join(line for line in said.splitlines() if "CONSOLE" in line)
 
 
 @needs_browser

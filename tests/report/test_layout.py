@@ -32,18 +32,11 @@ def specimens():
     for i in range(8):
         slip = (1.46 if i == 5 else 1.0) * (1.0 + 0.03 * rng.standard_normal())
         draws = {"kp_N_mm": 5.4 * (1 + 0.03 * rng.standard_normal()), "mean_slip_force_N": slip}
-        quantities = {
-            name: Quantity(
-                f"{name} of the contacts at rest (N)",
-                "N",
-                value,
-                0.99 * value,
-                1.01 * value,
-                value * np.exp(0.006 * rng.standard_normal(300)),
-                np.exp(0.5 * rng.standard_normal(400)),
-            )
-            for name, value in draws.items()
-        }
+        quantities = {}
+        for name, value in draws.items():
+            drawn = (value * np.exp(0.006 * rng.standard_normal(300)), np.exp(0.5 * rng.standard_normal(400)))
+            label = f"{name} of the contacts at rest (N)"
+            quantities[name] = Quantity(label, "N", value, 0.99 * value, 1.01 * value, *drawn)
         row = (60.0, True, "converged", quantities, "viscous_damping", None, 0.9, 0.08, 0.7, 0.01)
         finished.append(Finished(f"specimen_with_a_long_name_{i}", *row))
     lots = {x.name: "AB"[i % 2] for i, x in enumerate(finished)}

@@ -89,15 +89,9 @@ def stepped_frequency(frequencies_hz: Sequence[float], amplitude_mm: float, cycl
     """`cycles` at each of the frequencies, one after the other in one record, without a jump of phase."""
     f = np.asarray(frequencies_hz, dtype=float)
     edges = np.concatenate([[0.0], np.cumsum(cycles / f)])
-    return RigDrive(
-        "stepped frequency",
-        float(np.mean(f)),
-        amplitude_mm,
-        float(edges[-1]),
-        lambda t: np.interp(t, edges, cycles * np.arange(f.size + 1.0)) + np.minimum(t, 0) * f[0],
-        lambda c: np.full(c.shape, amplitude_mm),
-        sine,
-    )
+    whole = replace(steady(float(np.mean(f)), amplitude_mm, name="stepped frequency"), duration_s=float(edges[-1]))
+    counted = cycles * np.arange(f.size + 1.0)
+    return replace(whole, clock=lambda t: np.interp(t, edges, counted) + np.minimum(t, 0) * f[0])
 
 
 def drifting_amplitude(
@@ -111,15 +105,8 @@ def drifting_amplitude(
 def sweep(first_hz: float, last_hz: float, amplitude_mm: float, duration_s: float = 6.0) -> RigDrive:
     """The frequency runs evenly from `first_hz` to `last_hz`; the operator writes the middle down."""
     rate = (last_hz - first_hz) / duration_s
-    return RigDrive(
-        "sweep",
-        (first_hz + last_hz) / 2,
-        amplitude_mm,
-        duration_s,
-        lambda t: first_hz * t + rate * np.maximum(t, 0) ** 2 / 2,
-        lambda c: np.full(c.shape, amplitude_mm),
-        sine,
-    )
+    whole = replace(steady((first_hz + last_hz) / 2, amplitude_mm, name="sweep"), duration_s=duration_s)
+    return replace(whole, clock=lambda t: first_hz * t + rate * np.maximum(t, 0) ** 2 / 2)
 
 
 def simulate_drive(

@@ -13,7 +13,7 @@ from bayes_iwan.effects import catalogue
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.virtual_rig.faults import CATALOGUE, KINDS
-from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, records, simulate_tests
+from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, VirtualRig, records
 from bayes_iwan.virtual_rig.sizing import size_fault
 from bayes_iwan.virtual_rig.specimen import paper_specimen
 
@@ -44,7 +44,7 @@ def sound():
 
 
 def loops_of(specimen, faults):
-    runs = simulate_tests(specimen, PLAN, setup=SETUP, faults=faults, clean=True)
+    runs = VirtualRig(specimen, SETUP, faults).run_all(PLAN, clean=True)
     rng = np.random.default_rng(0)  # a little noise: none at all has no weight
     tests = tuple(replace(r, force_N=r.force_N + 2e-3 * rng.standard_normal(r.force_N.size)) for r in records(runs))
     campaign = Campaign("virtual rig", "", "", "", None, tests)
@@ -75,7 +75,7 @@ def test_same_names_and_same_main_numbers():
 def test_one_number_moves_the_force_alike(sound, name):
     """The shared law: the change of the rig's loops, and the change that the effect predicts at the rig's numbers."""
     specimen, data, _, _ = sound
-    fault = size_fault(name, SIZES.get(name, 0.08), specimen, PLAN, np.random.default_rng(2), setup=SETUP)
+    fault = size_fault(name, SIZES.get(name, 0.08), VirtualRig(specimen, SETUP), PLAN, np.random.default_rng(2))
     assert fault.law == KINDS[name].laws[0].name
     faulty = gap_data(loops_of(specimen, (fault,)))
     changes = (getattr(faulty, x) - getattr(data, x) for x in ("harmonics_N", "trend_N", "mains_N"))

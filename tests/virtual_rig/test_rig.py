@@ -1,5 +1,7 @@
 """The rig's records: the measuring chain, sizes of effects, planned campaigns, random cases."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,20 +12,20 @@ from bayes_iwan.virtual_rig.fault_chain import first_order
 from bayes_iwan.virtual_rig.faults import CATALOGUE, KINDS, OUTSIDE, acting, complete, drawn
 from bayes_iwan.virtual_rig.planning import simulate_campaign
 from bayes_iwan.virtual_rig.sensors import Chain, Sensors, coloured_noise, measure
-from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, simulate_test, simulate_tests
+from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, VirtualRig
 from bayes_iwan.virtual_rig.specimen import RigError, draw_specimen, paper_specimen
 
 PLAN = (PlannedTest(10.0, 0.3, cycles=12), PlannedTest(20.0, 0.8, cycles=12))
 
 
 @pytest.fixture(scope="module")
-def specimen():
-    return paper_specimen(seed=1)
+def rig():
+    return VirtualRig(paper_specimen(seed=1))
 
 
 @pytest.fixture(scope="module")
-def sound(specimen):
-    return sizing.surroundings(specimen, PLAN)
+def sound(rig):
+    return sizing.surroundings(rig, PLAN)
 
 
 # ---- the measuring chain, on a pure sine
@@ -122,11 +124,9 @@ def test_noise_has_its_rms_and_colour_and_steps_are_kept():
 # ---- whole tests
 
 
-def test_record_has_the_wanted_motion_and_follows_from_the_seed(specimen):
-    kwargs = {"setup": Setup(), "seed": 5}
-    a, b = (simulate_test(specimen, PLAN[1], **kwargs) for _ in range(2))
+def test_record_has_the_wanted_motion_and_follows_from_the_seed(rig):
+    a, b, other = (replace(rig, seed=seed).run(PLAN[1]) for seed in (5, 5, 6))
     np.testing.assert_array_equal(a.force_N, b.force_N)
-    other = simulate_test(specimen, PLAN[1], setup=Setup(), seed=6)
     assert np.abs(other.force_N - a.force_N).max() > 0.1  # starts elsewhere in the cycle
     assert 0.5 * np.ptp(a.displacement_mm) == pytest.approx(0.8, rel=0.015)
     assert abs(a.displacement_mm.max() + a.displacement_mm.min()) < 0.01
@@ -138,8 +138,8 @@ def test_record_has_the_wanted_motion_and_follows_from_the_seed(specimen):
     assert 0.003 < second < 0.02  # of 0.01 asked of the drive, the specimen's own apart
 
 
-def test_run_in_is_over_when_the_record_starts(specimen):
-    r = simulate_test(specimen, PlannedTest(10.0, 0.6, cycles=20), clean=True, setup=Setup(frequency_error=0))
+def test_run_in_is_over_when_the_record_starts(rig):
+    r = replace(rig, setup=Setup(frequency_error=0)).run(PlannedTest(10.0, 0.6, cycles=20), clean=True)
     cycles = r.force_N.reshape(20, 128)
     assert np.abs(cycles[0] - cycles[-1]).max() < 0.02 * np.abs(cycles).max()
 
@@ -147,12 +147,11 @@ def test_run_in_is_over_when_the_record_starts(specimen):
 @pytest.mark.parametrize(
     "name", ["viscous_damping", "rig_compliance", "integration_highpass", "force_drift", "end_stop"]
 )
-def test_size_asked_for_is_the_size_at_full_fidelity(specimen, sound, name):
-    effect = sizing.size_fault(name, 0.08, specimen, PLAN, np.random.default_rng(1), sound=sound)
+def test_size_asked_for_is_the_size_at_full_fidelity(rig, sound, name):
+    effect = sizing.size_fault(name, 0.08, rig, PLAN, np.random.default_rng(1), sound=sound)
     assert effect.size == pytest.approx(0.08, rel=0.021)
-    changed = simulate_tests(specimen, PLAN, faults=(effect,), clean=True)
-    base = simulate_tests(specimen, PLAN, clean=True)
-    friction = sizing.friction_of_runs_N(base, specimen.parallel_N_mm)
+    changed, base = (replace(rig, faults=faults).run_all(PLAN, clean=True) for faults in ((effect,), ()))
+    friction = sizing.friction_of_runs_N(base, rig.specimen.parallel_N_mm)
     assert sizing.force_change_N(changed, base) / friction == pytest.approx(0.08, rel=0.06)
 
 
@@ -160,38 +159,38 @@ EVERY_LAW = [(name, law.name) for name, kind in sorted(KINDS.items()) for law in
 
 
 @pytest.mark.parametrize(("name", "law"), EVERY_LAW)
-def test_every_law_changes_the_force_and_more_so_when_stronger(specimen, sound, name, law):
+def test_every_law_changes_the_force_and_more_so_when_stronger(rig, sound, name, law):
     others = drawn(name, law, sound[0], np.random.default_rng(3))
     sizes = [
-        sizing.fault_size(specimen, PLAN, complete(name, law, others, sound[0], strength), sound=sound)
+        sizing.fault_size(rig, PLAN, complete(name, law, others, sound[0], strength), sound=sound)
         for strength in (0.02, 0.2)
     ]
     assert 0 < sizes[0] < 0.35 * sizes[1]
 
 
-def test_delay_has_the_size_that_its_phase_gives(specimen, sound):
+def test_delay_has_the_size_that_its_phase_gives(rig, sound):
     """At equal displacement a delay τ changes the force by about ωτ times its RMS."""
     effect = Fault("channel_delay", {"delay_s": 2e-4})
-    found = sizing.fault_size(specimen, PLAN, effect, sound=sound) * sound[0].friction_rms_N
+    found = sizing.fault_size(rig, PLAN, effect, sound=sound) * sound[0].friction_rms_N
     rates = [np.gradient(r.force_N, r.time_s) * 2e-4 for r in sound[1]]
     assert found == pytest.approx(np.sqrt(np.mean([np.mean(r**2) for r in rates])), rel=0.05)
 
 
-def test_visible_share_of_what_a_specimen_can_and_cannot_imitate(specimen, sound):
+def test_visible_share_of_what_a_specimen_can_and_cannot_imitate(rig, sound):
     names = ("rig_compliance", "mains_interference", "moving_mass")
     faults = [complete(n, "", drawn(n, "", sound[0], np.random.default_rng(5)), sound[0], 0.1) for n in names]
     wide = tuple(PlannedTest(f, a, cycles=12) for f in (10.0, 20.0) for a in (0.3, 0.8))
-    soft, hum, mass = (sizing.shares_left(specimen, wide, (one,))[0].visible for one in faults)
+    soft, hum, mass = (sizing.shares_left(rig, wide, (one,))[0].visible for one in faults)
     assert soft < 0.1 and hum > 0.85 and soft < mass < 1
     # at one frequency a mass is a spring: nothing of it is left
     alone = tuple(PlannedTest(15.0, a, cycles=12) for a in (0.3, 0.8))
-    (single,) = sizing.shares_left(specimen, alone, faults[2:])
+    (single,) = sizing.shares_left(rig, alone, faults[2:])
     assert single.visible < 0.2 * mass and single.share == pytest.approx(1.0)
 
 
-def test_effect_too_weak_for_the_specimen_is_refused(specimen, sound):
+def test_effect_too_weak_for_the_specimen_is_refused(rig, sound):
     with pytest.raises(RigError, match="at most"):
-        sizing.size_fault("normal_force_lag", 0.9, specimen, PLAN, np.random.default_rng(0), sound=sound)
+        sizing.size_fault("normal_force_lag", 0.9, rig, PLAN, np.random.default_rng(0), sound=sound)
 
 
 def test_planned_campaign_is_written_and_read_back(tmp_path):
@@ -235,12 +234,12 @@ def test_designs_stay_within_their_ranges():
     assert 20 < single < 90 and 25 < held < 130
 
 
-def test_shares_of_a_gap_sum_to_one_and_follow_the_sizes(specimen, sound):
+def test_shares_of_a_gap_sum_to_one_and_follow_the_sizes(rig, sound):
     faults = tuple(
-        sizing.size_fault(n, size, specimen, PLAN, np.random.default_rng(1), sound=sound)
+        sizing.size_fault(n, size, rig, PLAN, np.random.default_rng(1), sound=sound)
         for n, size in (("mains_interference", 0.09), ("rocking", 0.03))
     )
-    hum, rocking = sizing.shares_left(specimen, PLAN, faults)
+    hum, rocking = sizing.shares_left(rig, PLAN, faults)
     assert hum.share + rocking.share == pytest.approx(1.0) == hum.share_of_square + rocking.share_of_square
     # two changes that have nothing in common add in squares
     a, b = hum.size * hum.visible, rocking.size * rocking.visible
@@ -270,9 +269,7 @@ def test_drawn_case_is_reproducible_and_has_what_it_says(monkeypatch):
     a, b = (cases.draw_case(np.random.default_rng(8), faults=["rig_compliance"]) for _ in range(2))
     assert a.faults == b.faults and a.seed == b.seed
     assert 0.0195 < a.faults[0].size < 0.123 and a.faults[0].law in ("linear", "stiffening", "hertz")
-    first = simulate_test(a.specimen, a.tests[0], setup=a.setup, faults=a.faults, seed=a.seed)
-    again = simulate_test(b.specimen, b.tests[0], setup=b.setup, faults=b.faults, seed=b.seed)
-    np.testing.assert_array_equal(first.force_N, again.force_N)
+    np.testing.assert_array_equal(*(x.rig.run(x.tests[0]).force_N for x in (a, b)))
     assert a.setup.sensors.force_noise_N == pytest.approx(a.noise_share * a.friction_rms_N)
     with pytest.raises(RigError, match="no kind"):
         cases.draw_case(np.random.default_rng(0), "several")

@@ -38,7 +38,7 @@ def elastic_specimen(stiffness_N_mm):
 
 
 def run(specimen, *faults, test=TEST, setup=IDEAL, **more):
-    return simulate.simulate_test(specimen, test, setup=setup, faults=faults, clean=True, **more)
+    return simulate.VirtualRig(specimen, setup, faults).run(test, clean=True, **more)
 
 
 def harmonic(r, h=1, signal=None):
@@ -80,10 +80,7 @@ def test_energy_balance_from_rest_with_every_spring():
     turn = np.linspace(0, 2.3, 12000)
     u = 0.3 * np.sin(2 * np.pi * turn) * turn
     s = uniform_specimen(0.8)
-    effects = (
-        Fault("quadratic_stiffness", {"k2_N_mm2": 2.0}),
-        Fault("cubic_stiffness", {"k3_N_mm3": 3.0}),
-    )
+    effects = (Fault("quadratic_stiffness", {"k2_N_mm2": 2.0}), Fault("cubic_stiffness", {"k3_N_mm3": 3.0}))
     q = simulate.kernel_values(s, IDEAL, acting(effects), 10.0, 0.7, 1e-4)
     force, d, lost = march(u, turn - 9, 1e-4, s.stiffness_share, s.slip_share_N, *q)
     work = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(d))])
@@ -354,8 +351,7 @@ def test_the_end_does_not_jump_after_reversals():
     for loss in (0.0, 0.1):
         setup = Setup(shaker_compliance_mm_N=4e-3, shaker_loss=loss)
         coarse, fine = (
-            simulate.simulate_test(s, test, setup=setup, clean=True, fidelity=Fidelity(steps, 60))
-            for steps in (1500, 12000)
+            simulate.VirtualRig(s, setup).run(test, fidelity=Fidelity(steps, 60), clean=True) for steps in (1500, 12000)
         )
         stiffness = s.contact_N_mm + s.parallel_N_mm
         change = coarse.force_N - fine.force_N - stiffness * (coarse.displacement_mm - fine.displacement_mm)

@@ -14,7 +14,6 @@ from bayes_iwan.diagnosis.answer.saved_fits import SCHEMA, find_shares
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.report import withheld_scores
 from bayes_iwan.virtual_rig import cases as rig_cases
-from bayes_iwan.virtual_rig.simulate import simulate_test
 from bayes_iwan.withheld import confinement, scoring, sealed
 from bayes_iwan.withheld.answering import answer, case_seed, refuse_open_truth
 from bayes_iwan.withheld.sealed import WithheldError
@@ -91,7 +90,7 @@ def test_a_case_follows_from_the_published_entropy(made):
     bits = sealed.hashlib.sha256(f"{entropy}/case_02".encode()).digest()
     case = rig_cases.draw_case(np.random.default_rng(int.from_bytes(bits, "big")), "single")
     given = read_campaign(folder / "case_02").tests
-    again = simulate_test(case.specimen, case.tests[1], setup=case.setup, faults=case.faults, seed=case.seed, index=1)
+    again = case.rig.run(case.tests[1], index=1)
     np.testing.assert_allclose(given[1].force_N, again.force_N, atol=1e-6)
     told = sealed.read_truths(truth)["case_02"]["effects"][0]
     assert told["parameters"] == dict(case.faults[0].parameters) and told["law"] == case.faults[0].law

@@ -18,9 +18,8 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.errors import InputError
 from bayes_iwan.files import write_whole
 from bayes_iwan.fitting.genetic import GlobalOptimum
-from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.results.predictions import replicated
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.solving.point import Point
@@ -35,6 +34,10 @@ FORMAT = 4
 SEAL = b"bayes_iwan sha256 "
 #: groups that are looked at but not gone on from: seven digits are enough
 _SHOWN = ("posterior", "prior", "posterior_predictive", "prior_predictive", "log_likelihood")
+#: what a posterior says of its run in one value each
+PLAIN = {
+    "seed": int, "walkers": int, "thin": int, "stretch": float, "converged": bool, "message": str, "simulator_file": str
+}  # fmt: skip
 PREDICTIVE_DRAWS = 200
 POINTWISE_DRAWS = 1000
 
@@ -100,20 +103,15 @@ def groups(posterior: Posterior) -> dict[str, xarray.Dataset]:
     prior_force = prior_force[None]
     each = np.linspace(0, draws - 1, min(draws, POINTWISE_DRAWS // chains)).round().astype(int)
     point_log = problem.pointwise(posterior.z[:, each].reshape(-1, problem.ndim))
-    stacked = {
-        name: np.stack([getattr(x, name) for x in loops])
-        for name in ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_N", "force_scatter_N", "noise_N")
-    }
+
+    def of_loops(names: str, *along: str) -> dict[str, tuple[tuple[str, ...], Array]]:
+        return {n: (("test", *along), np.array([getattr(x, n) for x in loops], float)) for n in names.split()}
+
+    constant = of_loops("displacement_mm velocity_m_s acceleration_m_s2 force_scatter_N", "phase")
+    constant |= of_loops("noise_N", "harmonic") | of_loops("frequency_hz amplitude_mm offset_mm n_cycles")
     harmonics = np.stack([x.harmonics_N for x in loops])
-    constant: dict[str, tuple[tuple[str, ...], Array]] = {
-        name: (("test", "phase"), stacked[name])
-        for name in ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_scatter_N")
-    }
-    constant["noise_N"] = (("test", "harmonic"), stacked["noise_N"])
-    constant |= {
-        name: (("test",), np.array([getattr(x, name) for x in loops], float))
-        for name in ("frequency_hz", "amplitude_mm", "offset_mm", "n_cycles")
-    }
+    parts = {"real": harmonics.real, "imag": harmonics.imag}
+    observed = {f"harmonics_{part}_N": (("test", "harmonic"), x) for part, x in parts.items()}
     return {
         "posterior": over_draws({n: (q.unit, q.values) for n, q in posterior.quantities().items()}),
         "unconstrained_posterior": over_draws({n: ("-", posterior.z[..., i]) for i, n in enumerate(problem.names)}),
@@ -124,14 +122,7 @@ def groups(posterior: Posterior) -> dict[str, xarray.Dataset]:
         "log_likelihood": xr.Dataset(
             {"data": (("chain", "draw", "datum"), point_log.reshape(chains, len(each), -1))}, {"draw": each}
         ),
-        "observed_data": xr.Dataset(
-            {
-                "force_N": (("test", "phase"), stacked["force_N"]),
-                "harmonics_real_N": (("test", "harmonic"), harmonics.real),
-                "harmonics_imag_N": (("test", "harmonic"), harmonics.imag),
-            },
-            at,
-        ),
+        "observed_data": xr.Dataset(of_loops("force_N", "phase") | observed, at),
         "constant_data": xr.Dataset(constant, at),
     }
 
@@ -160,29 +151,24 @@ def _relative(campaign: Path, folder: Path) -> str:
 
 
 def _attributes(posterior: Posterior, folder: Path) -> dict[str, object]:
-    campaign = posterior.campaign
-    return {
-        "format": FORMAT,
-        "seed": posterior.seed,
-        "walkers": posterior.walkers,
-        "stretch": posterior.stretch,
-        "thin": posterior.thin,
-        "converged": int(posterior.converged),
-        "message": posterior.message,
-        "stop": posterior.stop.name,
-        "campaign_name": "" if campaign is None else campaign.name,
-        "campaign_path": "" if campaign is None else str(campaign.path.resolve()),
-        "campaign_relative": "" if campaign is None else _relative(campaign.path, folder),
-        "loops": json.dumps([x.file for x in posterior.loops]),
-        "scales": json.dumps(asdict(posterior.problem.scales)),
-        "config": json.dumps(posterior.settings.as_dict()),
-        "simulator_file": posterior.simulator_file,
-        "versions": json.dumps(dict(posterior.versions)),
-        "timings": json.dumps(dict(posterior.timings)),
-        "convergence": json.dumps([asdict(row) for row in posterior.convergence]),
-        "fingerprint": json.dumps(posterior.problem.fingerprint()),
-        "point": json.dumps(_plain_point(posterior.point)),
+    campaign, problem = posterior.campaign, posterior.problem
+    plain = {name: getattr(posterior, name) for name in PLAIN} | {"converged": int(posterior.converged)}
+    texts = {
+        "loops": [x.file for x in posterior.loops],
+        "scales": asdict(problem.scales),
+        "config": posterior.settings.as_dict(),
+        "versions": dict(posterior.versions),
+        "timings": dict(posterior.timings),
+        "convergence": [asdict(row) for row in posterior.convergence],
+        "fingerprint": problem.fingerprint(),
+        "point": _plain_point(posterior.point),
     }
+    where = dict.fromkeys(("campaign_name", "campaign_path", "campaign_relative"), "")
+    if campaign is not None:
+        relative = _relative(campaign.path, folder)
+        where = dict(zip(where, (campaign.name, str(campaign.path.resolve()), relative)))
+    out: dict[str, object] = {"format": FORMAT, "stop": posterior.stop.name, **plain, **where}
+    return out | {name: json.dumps(value) for name, value in texts.items()}
 
 
 def _plain_point(point: Point) -> dict[str, object]:
@@ -230,7 +216,8 @@ class Stored:
 
 def read_netcdf(path: Path) -> Stored:
     """A result as it was written. Raises ResultsError, or anything where the bytes are none of ours."""
-    stored, draws, log_prob = _read(path)
+    read, draws, log_prob = _read(path)
+    stored: dict[str, Any] = {"stretch": 1.0, "simulator_file": "", "campaign_relative": ""} | read  # of an older one
     if log_prob.ndim != 2 or any(x.shape != log_prob.shape for x in draws.values()):
         raise ResultsError(f"{path}: damaged (draws of several shapes); identify again")
     if not all(np.isfinite(x).all() for x in draws.values()):
@@ -243,24 +230,17 @@ def read_netcdf(path: Path) -> Stored:
         draws={former_names.parameters_in(name): x for name, x in draws.items()},
         log_prob=log_prob,
         campaign_path=str(stored["campaign_path"]),
-        campaign_relative=str(stored.get("campaign_relative", "")),
+        campaign_relative=str(stored["campaign_relative"]),
         loops=tuple(loops),
         scales=Scales(**json.loads(stored["scales"])),
         fingerprint=fingerprint,
         run={
+            **{name: kind(stored[name]) for name, kind in PLAIN.items()},
+            **{name: dict(json.loads(stored[name])) for name in ("versions", "timings")},
             "settings": settings_of(former_names.config_of(json.loads(stored["config"]))),
-            "walkers": int(stored["walkers"]),
-            "stretch": float(stored.get("stretch", 1.0)),
-            "thin": int(stored["thin"]),
             "point": _point_of(json.loads(stored["point"])),
-            "seed": int(stored["seed"]),
-            "converged": bool(stored["converged"]),
-            "message": str(stored["message"]),
             "stop": Stop[str(stored["stop"])],
-            "versions": dict(json.loads(stored["versions"])),
-            "timings": dict(json.loads(stored["timings"])),
             "convergence": tuple(_row(row) for row in json.loads(stored["convergence"])),
-            "simulator_file": str(stored.get("simulator_file", "")),
         },
     )
 

@@ -165,25 +165,12 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
     between = _quantiles(tau, posterior.sum(axis=0)) * steep / (float(middle[1]) if relative else 1.0)
     another = coordinate.value(np.quantile(at + width * rng.standard_normal(flat.size), [0.05, 0.95]))
     whole = np.concatenate([every, before])  # a bounded quantity stays within its bounds
-    another = np.clip(another, whole.min(), whole.max())
+    low, high = map(float, np.clip(another, whole.min(), whole.max()))
     from_others = np.stack([_normalised(log_like.sum(axis=0) - log_like[i] + measure) for i in range(n)])
-    pit = [_smaller(d, w, mean, tau, p) for d, w, p in zip(draws, weights, from_others)]
-    return Population(
-        tuple(s.name for s in specimens),
-        relative,
-        _three(middle),
-        _three(between),
-        (float(another[0]), float(another[1])),
-        tuple(pit),
-        next((e for e in ("lower", "upper") if 2 * sum(_open_end(s) == e for s in specimens) >= n), ""),
-        typical,
-        coordinate,
-        centre,
-        error,
-        mean,
-        tau,
-        from_others,
-    )
+    pit = tuple(_smaller(d, w, mean, tau, p) for d, w, p in zip(draws, weights, from_others))
+    end = next((e for e in ("lower", "upper") if 2 * sum(_open_end(s) == e for s in specimens) >= n), "")
+    names, known = tuple(s.name for s in specimens), (coordinate, centre, error, mean, tau, from_others)
+    return Population(names, relative, _three(middle), _three(between), (low, high), pit, end, typical, *known)
 
 
 def _three(x: Array) -> tuple[float, float, float]:

@@ -17,7 +17,6 @@ from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency, 
 from bayes_iwan.inference.results.predictions import Prediction, ResidualSize, predicted_at, replicated, residual_size
 from bayes_iwan.inference.results.reach import extrapolated
 from bayes_iwan.inference.results.remarks import remarks
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow, Summary, SummaryRow
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import IdentifySettings
@@ -29,6 +28,57 @@ from bayes_iwan.sampling.convergence import Convergence, convergence_of
 
 if TYPE_CHECKING:
     import pandas
+
+
+@dataclass(frozen=True)
+class ConvergenceRow:
+    """Diagnostics of one parameter; tau in steps of the sampler."""
+
+    name: str
+    ess_bulk: float
+    ess_tail: float
+    r_hat: float
+    tau: float
+
+
+class Summary(tuple["SummaryRow", ...]):
+    """Rows of a summary, shown as a table."""
+
+    #: rows that fit a screen
+    MOST = 36
+
+    def __repr__(self) -> str:
+        wide = max((len(r.name) for r in self), default=0)
+        lines = [f"{'':{wide}s} {'median':>10s} {'5 %':>10s} {'95 %':>10s} {'R-hat':>7s}  unit"]
+        for r in self[: self.MOST]:
+            hat = "" if np.isnan(r.r_hat) else f"{r.r_hat:.3f}"
+            lines.append(f"{r.name:{wide}s} {r.q50:10.4g} {r.q05:10.4g} {r.q95:10.4g} {hat:>7s}  {r.unit}")
+        more = len(self) - self.MOST
+        return "\n".join([*lines, *([f"… and {more} more; all are in summary.csv"] if more > 0 else [])])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
+@dataclass(frozen=True)
+class SummaryRow:
+    """One line of summary.csv.
+
+    q05, q50, q95 : quantiles of the draws: median and 90 % interval. reach : why a number is extrapolated, and what
+    range determines it; empty where the loops reach it (see :mod:`.reach`).
+    """
+
+    name: str
+    unit: str
+    mean: float
+    sd: float
+    q05: float
+    q50: float
+    q95: float
+    ess_bulk: float
+    ess_tail: float
+    r_hat: float
+    reach: str
 
 
 @dataclass(frozen=True, repr=False)
@@ -185,25 +235,8 @@ class Posterior:
         return held_out_frequencies(self.problem, self.point.optima)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
-        """The central interval of a quantity: quantiles of its draws.
-
-        Parameters
-        ----------
-        name
-            of a quantity, as in :meth:`summary`.
-        level
-            probability within.
-
-        Returns
-        -------
-        low, high
-            in the quantity's unit; nan where it has no finite draw.
-
-        Raises
-        ------
-        InputError
-            no quantity of this name.
-        """
+        """The central interval (low, high) of a quantity named as in :meth:`summary`, in its unit: quantiles of its
+        draws; nan where none is finite. Raises InputError where there is no quantity of this name."""
         low, high = self._quantiles(name, 0.5 * (1.0 - level), 0.5 * (1.0 + level))
         return low, high
 
@@ -232,48 +265,21 @@ class Posterior:
         return convergence_of(draws, tuple(named), thin=self.thin)
 
     def summary(self) -> Summary:
-        """Mean, spread, quantiles and diagnostics of every reported quantity.
-
-        Returns
-        -------
-        Summary
-            a tuple of rows, shown as a table: name, unit, mean, sd, q05, q50, q95 of the draws; R-hat and effective
-            sizes, nan for what is fixed and for
-            quick draws; why the quantity is extrapolated, if it is.
-        """
+        """Mean, spread, quantiles and diagnostics of every reported quantity, as rows that show themselves as a table;
+        R-hat and effective sizes are nan for what is fixed and for quick draws."""
         rows = []
         d = None if self.quick else self.diagnostics  # of so short a run they say nothing
         for i, (name, quantity) in enumerate(self.quantities().items()):
-            x = quantity.values
-            low, middle, high = np.quantile(x, [0.05, 0.5, 0.95])
-            rows.append(
-                SummaryRow(
-                    name,
-                    quantity.unit,
-                    float(np.mean(x)),
-                    float(np.std(x, ddof=1)),
-                    float(low),
-                    float(middle),
-                    float(high),
-                    *((np.nan,) * 3 if d is None else (float(d.ess_bulk[i]), float(d.ess_tail[i]), float(d.r_hat[i]))),
-                    self.extrapolated.get(name, ""),
-                )
-            )
+            x, unit, why = quantity.values, quantity.unit, self.extrapolated.get(name, "")
+            mean, sd = float(np.mean(x)), float(np.std(x, ddof=1))
+            low, middle, high = map(float, np.quantile(x, [0.05, 0.5, 0.95]))
+            sampled = (np.nan,) * 3 if d is None else (d.ess_bulk[i], d.ess_tail[i], d.r_hat[i])
+            bulk, tail, r_hat = map(float, sampled)
+            rows.append(SummaryRow(name, unit, mean, sd, low, middle, high, bulk, tail, r_hat, why))
         return Summary(rows)
 
     def residual_size(self, n: int = 400) -> ResidualSize:
-        """How far the median prediction misses the fitted tests, their mean forces (which drift) left aside.
-
-        Parameters
-        ----------
-        n
-            draws behind the median.
-
-        Returns
-        -------
-        ResidualSize
-            RMS of measured − predicted in N, and its share of the RMS friction force; both beyond noise, too.
-        """
+        """How far the median prediction of n draws misses the fitted tests, their mean forces, which drift, aside."""
         return residual_size(self.problem, self.flat_z(n))
 
     def warnings(self) -> tuple[str, ...]:
@@ -283,27 +289,11 @@ class Posterior:
     def predict(
         self, frequency_hz: float | Array | None, amplitude_mm: float | Array, n: int = 400, samples: int = 128
     ) -> Prediction:
-        """Loops at other frequencies and amplitudes, steady sines.
+        """Loops at other frequencies and amplitudes, steady sines, by n draws; `.band(level)` gives their bands.
 
-        Parameters
-        ----------
-        frequency_hz, amplitude_mm
-            one or several, broadcast against each other to (loops,); a frequency of None where the tests have no clock.
-        n
-            draws.
-        samples
-            points a loop.
-
-        Returns
-        -------
-        Prediction
-            force_N (n, loops, samples), without noise; `.band(level)` gives lower end, median and upper end;
-            `.extrapolated` says what no test was near.
-
-        Raises
-        ------
-        PredictionError
-            not positive, or an amplitude or speed of more than 5 times the largest tested.
+        frequency_hz, amplitude_mm : one or several, broadcast against each other to (loops,); a frequency of None where
+        the tests have no clock. Raises PredictionError for what is not positive, and for an amplitude or speed of more
+        than 5 times the largest tested; warns of what no test was near.
         """
         return predicted_at(self.problem, self.flat_z(n), frequency_hz, amplitude_mm, samples)
 

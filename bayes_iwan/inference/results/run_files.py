@@ -14,8 +14,7 @@ from bayes_iwan.campaign import Loop, read_campaign
 from bayes_iwan.files import clear, write_whole
 from bayes_iwan.fitting.genetic import GlobalOptimum
 from bayes_iwan.inference.results.netcdf import ResultsError, Stored, read_netcdf, write_netcdf
-from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.summary_rows import SummaryRow
+from bayes_iwan.inference.results.posterior import Posterior, SummaryRow
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.models import Simulator
@@ -99,42 +98,12 @@ def load(
     campaign: str | os.PathLike[str] | None = None,
     simulator: Simulator | str | os.PathLike[str] | None = None,
 ) -> Posterior:
-    """The posterior that :func:`bayes_iwan.identify` wrote.
+    """The posterior that :func:`bayes_iwan.identify` wrote, equal to it; arguments and errors as of
+    :func:`bayes_iwan.load`.
 
     The campaign is read again from where it was; if it is gone from there, from where it lies as seen from the run's
     folder, so both can be moved together. Where a simulator of one's own was identified, name it: what a result
     names is data, and is never run.
-
-    Parameters
-    ----------
-    folder
-        what was given as `out`.
-    campaign
-        its folder, if that has moved.
-    simulator
-        the model of one's own that was identified, or its Python file (its code is run).
-
-    Returns
-    -------
-    Posterior
-        equal to the one that was written.
-
-    Raises
-    ------
-    ResultsError
-        no result there, a damaged one, or a campaign or version that gives another problem.
-
-    Examples
-    --------
-    >>> import tempfile, bayes_iwan as bi
-    >>> from bayes_iwan.inference.results.run_files import write
-    >>> folder, out = tempfile.mkdtemp(), tempfile.mkdtemp()
-    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
-    >>> posterior = bi.identify(folder, quick=True, seed=1, config={"model": {"slip": "gamma1", "embedded": False}})
-    >>> write(posterior, Path(out))  # as bi.identify(folder, out) and the command line do, page and tables aside
-    >>> again = bi.load(out)
-    >>> again.names == posterior.names, bool((again.z == posterior.z).all())
-    (True, True)
     """
     path = Path(folder) / "posterior.nc"
     if not path.is_file():
@@ -165,14 +134,8 @@ def load(
     if missing := [name for name in problem.names if name not in stored.draws]:
         raise ResultsError(f"{path}: damaged (no draws of {missing[0]}); identify again")
     z = np.stack([stored.draws[name] for name in problem.names], axis=2)
-    return Posterior(
-        problem=problem,
-        campaign=source,
-        loops=loops,
-        z=z,
-        log_prob=stored.log_prob,
-        **(stored.run | {"simulator_file": file}),
-    )
+    run = stored.run | {"simulator_file": file}
+    return Posterior(problem, source, loops, z, stored.log_prob, **run)
 
 
 def _campaign_of(folder: Path, stored: Stored) -> str | Path:

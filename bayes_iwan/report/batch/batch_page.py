@@ -18,8 +18,8 @@ from bayes_iwan.models.iwan_parameters import default_parameters
 from bayes_iwan.report.batch.specimens import Batch, Finished
 from bayes_iwan.report.identification.marginals import in_interval, number
 from bayes_iwan.report.identification.summary import QUANTILES
-from bayes_iwan.report.page import Page, Provenance, Section
-from bayes_iwan.report.style import MEASURED, MODEL, ORANGE, house_style, styled, subplots
+from bayes_iwan.report.page import Finding, Page, Provenance, Section, asset
+from bayes_iwan.report.style import MEASURED, MODEL, ORANGE, house_style, one_panel, styled, subplots
 
 #: specimens that are named along the axis; of more, every n-th is
 NAMED = 40
@@ -37,49 +37,39 @@ class Answer(BatchSection):
     heading, ranked = "Answer", RANKED
 
     @property
-    def found(self) -> list[tuple[str, bool, str]]:
+    def found(self) -> list[Finding]:
         result = self.r
         done, failed = len(result.finished), len(result.failures)
-        found: list[tuple[str, bool, str]] = [(f"{done} finished, {failed} failed.", not failed, "")]
+        found = [Finding(f"{done} finished, {failed} failed.", not failed)]
         odd = [x for x in result.unusual if x.notable]
         for x in odd[:12]:
             named = ", ".join(result.label(q) for q in x.notable[:5])
             more = f" and {len(x.notable) - 5} more" if len(x.notable) > 5 else ""
-            found.append((f"{x.name} is unusual (distance {x.distance:.1f}): {named}{more}.", False, ""))
+            found.append(Finding(f"{x.name} is unusual (distance {x.distance:.1f}): {named}{more}."))
         if len(odd) > 12:
-            found.append((f"{len(odd) - 12} more are unusual.", False, ""))
+            found.append(Finding(f"{len(odd) - 12} more are unusual."))
         if result.unusual and not odd:
-            found.append(("No specimen stands out from the others.", True, ""))
+            found.append(Finding("No specimen stands out from the others.", True))
         if late := [x.name for x in result.finished if x.converged is False]:
-            found.append((f"Not converged, so that their intervals are too narrow: {', '.join(late)}.", False, ""))
+            found.append(Finding(f"Not converged, so that their intervals are too narrow: {', '.join(late)}."))
         if any(x.quantities and x.converged is None for x in result.finished):
-            found.append(
-                ("Quick: intervals are those of first draws, not asked whether they have converged.", False, "")
-            )
-        large = [x for x in result.finished if (x.gap_share or 0.0) > LARGE_RESIDUAL]
-        if large:
-            named = ", ".join(f"{x.name} ({100 * (x.gap_share or 0.0):.2g} %)" for x in large[:8])
-            found.append(
-                (
-                    f"The model misses more than {100 * LARGE_RESIDUAL:.0f} % of the friction force of {named}.",
-                    False,
-                    "",
-                )
-            )
+            found.append(Finding("Quick: intervals are those of first draws, not asked whether they have converged."))
+        if large := [(x.name, x.gap_share) for x in result.finished if (x.gap_share or 0.0) > LARGE_RESIDUAL]:
+            named = ", ".join(f"{name} ({100 * (share or 0.0):.2g} %)" for name, share in large[:8])
+            text = f"The model misses more than {100 * LARGE_RESIDUAL:.0f} % of the friction force of {named}."
+            found.append(Finding(text))
         causes = Counter(_cause(x) for x in result.finished if x.cause is not None)
         if causes:
             gaps = [x.gap_share for x in result.finished if x.gap_share is not None]
             size = f" The gap is {100 * np.median(gaps):.2g} % of the friction force in the median." if gaps else ""
             text = "Causes found: " + ", ".join(f"{c} ({n})" for c, n in causes.most_common(6)) + "." + size
-            found.append((text, set(causes) <= {"none"}, "Causes found"))
-        ends = [f"{result.label(q)} ({p.open_end})" for q, p in result.populations.items() if p.open_end]
-        if ends:
+            found.append(Finding(text, set(causes) <= {"none"}, "Causes found"))
+        if ends := [f"{result.label(q)} ({p.open_end})" for q, p in result.populations.items() if p.open_end]:
             text = f"One end is not set by the loops of most specimens, so no band is given: {', '.join(ends)}."
-            found.append((text, False, ""))
-        poor = [result.label(q) for q, p in result.populations.items() if p.doubt and not p.open_end]
-        if poor:
+            found.append(Finding(text))
+        if poor := [result.label(q) for q, p in result.populations.items() if p.doubt and not p.open_end]:
             text = f"A normal population does not fit {', '.join(poor)}, so no band is given: look for lots."
-            found.append((text, False, ""))
+            found.append(Finding(text))
         return found
 
     def unusual(self) -> Figure | None:
@@ -116,8 +106,7 @@ class Parameters(BatchSection):
 
 class Lots(BatchSection):
     def __init__(self, r: Batch) -> None:
-        super().__init__(r)
-        self.heading = f"Lots, by {r.group}"
+        super().__init__(r, heading=f"Lots, by {r.group}")
 
     @property
     def sizes(self) -> str:
@@ -208,7 +197,7 @@ def write_batch_page(result: Batch, out: Path, made: Provenance) -> Path:
         "sheet.pdf is one page for a customer.",
         made=made,
     )
-    page.sorting()
+    page.script(asset("sort.js"))
     sections = {
         Answer: True,
         Parameters: bool(result.quantities()),
@@ -225,9 +214,9 @@ def write_batch_page(result: Batch, out: Path, made: Provenance) -> Path:
 def unusual_figure(result: Batch) -> Figure:
     """Every specimen by its robust distance from the others."""
     shown = result.unusual[:RANKED]
-    figure, axes = subplots(1, 1, 6.4, 0.19 * len(shown) + 0.9)
-    draw_unusual(axes[0, 0], shown)
-    axes[0, 0].set_xlabel("robust distance")
+    figure, ax = one_panel(6.4, 0.19 * len(shown) + 0.9)
+    draw_unusual(ax, shown)
+    ax.set_xlabel("robust distance")
     return figure
 
 

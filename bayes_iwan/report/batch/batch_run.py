@@ -16,7 +16,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -247,15 +247,7 @@ def stored_specimen(out: Path, made_with: Mapping[str, object]) -> Finished | No
         if record["schema"] != _SCHEMA or record["made_with"] != made_with:
             return None
         found = {name: _quantity(q) for name, q in record["quantities"].items()}
-        return Finished(
-            out.name,
-            _of(float, record["seconds"]),
-            _of(bool | None, record.get("converged")),
-            _of(str, record.get("message", "")),
-            found,
-            *(_of(str | None, record.get(key)) for key in ("cause", "second_cause")),
-            *(_of(float | None, record.get(key)) for key in ("probability", "gap_share", "shrink", "residual_share")),
-        )
+        return Finished(out.name, quantities=found, **_fields(Finished, {"message": ""} | record))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         return None
 
@@ -265,17 +257,19 @@ def _quantity(q: Mapping[str, object]) -> Quantity:
     draws, prior = (np.array(q[key], dtype=float) for key in ("draws", "prior"))
     if draws.ndim != 1 or prior.ndim != 1 or not draws.size or not np.isfinite([*draws, *prior]).all():
         raise ValueError("draws that are no list of numbers")
-    median, low, high = (_of(float, q[key]) for key in ("median", "low", "high"))
-    return Quantity(_of(str, q["label"]), _of(str, q["unit"]), median, low, high, draws, prior)
+    return Quantity(draws=draws, prior=prior, **_fields(Quantity, q))
 
 
-def _of(kind: Any, value: Any) -> Any:
-    """A value of a kind that JSON has, a whole number where a number is asked for too."""
-    if kind in (float, float | None) and type(value) is int:
-        return float(value)
-    if not isinstance(value, kind):
-        raise TypeError(f"{value!r:.60} is no {kind}")
-    return value
+def _fields(kind: type, stored: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a dataclass that are of JSON's own types, a whole number where a number is asked for too."""
+    out, plain = {}, (float, str, float | None, str | None, bool | None)
+    for name, of in get_type_hints(kind).items():
+        if of in plain and name != "name":
+            value = stored.get(name)
+            out[name] = float(value) if of in (float, float | None) and type(value) is int else value
+            if not isinstance(out[name], of):
+                raise TypeError(f"{value!r:.60} is no {of}")
+    return out
 
 
 def _read(job: Job, name: str) -> Finished:
@@ -297,10 +291,9 @@ def _write(result: Batch, out: Path) -> None:
         import pyarrow.parquet as pq
     except ImportError:  # the same table is in batch.csv
         return
-    buffer = pa.BufferOutputStream()
-    columns = {name: [row[i] for row in table.rows] for i, name in enumerate(table.columns)}
-    pq.write_table(pa.table(columns), buffer)
-    write_whole(out / "batch.parquet", buffer.getvalue().to_pybytes())
+    content = io.BytesIO()
+    pq.write_table(pa.table(dict(zip(table.columns, zip(*table.rows)))), content)
+    write_whole(out / "batch.parquet", content.getvalue())
 
 
 def _write_excel(table: Table, path: Path) -> None:

@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,9 @@ from bayes_iwan.comparison.unusual import Unusual, rank_unusual
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.population import Population, SpecimenDraws, population
 from bayes_iwan.report.page import Cell, Table
+
+#: of the draws, as columns call them
+_QUANTILES = ("q05", "q50", "q95")
 
 
 class BatchError(InputError):
@@ -57,7 +61,7 @@ class Finished:
     __repr__ = brief
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class LotDifference:
     """One quantity of lot a against lot b: the typical value's ratio a/b where it is positive (`relative`), else the
     difference a − b; median and 90 % interval, and the probability that a's is larger."""
@@ -123,50 +127,41 @@ class Batch:
     def differences(self) -> tuple[LotDifference, ...]:
         """Every pair of lots with a population of their own, quantity by quantity."""
         out = []
-        names = sorted(self.lot_populations)
-        for i, a in enumerate(names):
-            for b in names[i + 1 :]:
-                for q, first in self.lot_populations[a].items():
-                    if q not in self.lot_populations[b]:
-                        continue
-                    second = self.lot_populations[b][q]
-                    relative = first.relative and second.relative
-                    # both were drawn with one seed: side by side they would move together
-                    x, y = first.typical_draws, np.roll(second.typical_draws, 1)
-                    d = x / y if relative else x - y
-                    low, middle, high = (float(v) for v in np.quantile(d, [0.05, 0.5, 0.95]))
-                    larger = float(np.mean(x > y))
-                    out.append(
-                        LotDifference(
-                            quantity=q, a=a, b=b, relative=relative, median=middle, low=low, high=high, larger=larger
-                        )
-                    )
+        for a, b in combinations(sorted(self.lot_populations), 2):
+            of_a, of_b = self.lot_populations[a], self.lot_populations[b]
+            for q in (q for q in of_a if q in of_b):
+                relative = of_a[q].relative and of_b[q].relative
+                # both were drawn with one seed: side by side they would move together
+                x, y = of_a[q].typical_draws, np.roll(of_b[q].typical_draws, 1)
+                low, middle, high = (float(v) for v in np.quantile(x / y if relative else x - y, [0.05, 0.5, 0.95]))
+                out.append(LotDifference(q, a, b, relative, middle, low, high, larger=float(np.mean(x > y))))
         return tuple(out)
 
     def table(self) -> Table:
         """One row a specimen, failed ones included."""
-        names = sorted({(q, x.quantities[q].unit) for x in self.finished for q in x.quantities})
-        columns = ["specimen", "state", "message", "seconds", "cause", "second_cause", "probability"]
-        columns += ["gap_share", "shrink", "residual_share", "distance", "unusual_in", self.group or "lot"]
-        columns += [f"{q}_{s}" for q, _ in names for s in ("q05", "q50", "q95", "q05_lot", "q50_lot", "q95_lot")]
+        words = ["specimen", "state", "message", "cause", "second_cause", "unusual_in", "lot"]
+        columns = [*words[:3], "seconds", *words[3:5], "probability", "gap_share", "shrink", "residual_share"]
+        columns += ["distance", *words[5:]]
+        columns += [f"{q}_{s}{lot}" for q in sorted(self.quantities()) for lot in ("", "_lot") for s in _QUANTILES]
         ranked = {x.name: x for x in self.unusual}
-        rows: list[tuple[Cell, ...]] = []
+        rows: list[dict[str, Cell]] = []
         for x in self.finished:
-            state = "finished" if x.converged in (None, True) else "not converged"
-            some = (x.cause or "", x.second_cause or "", _number(x.probability))
-            row: list[Cell] = [x.name, state, x.message, x.seconds, *some, _number(x.gap_share), _number(x.shrink)]
-            odd = ranked.get(x.name)
-            row += [_number(x.residual_share), np.nan if odd is None else odd.distance]
-            row += ["" if odd is None else " ".join(odd.notable), self.lots.get(x.name, "")]
-            for quantity, _ in names:
-                q, lot = x.quantities.get(quantity), self.shrunk.get(quantity, {}).get(x.name)
-                row += [np.nan] * 3 if q is None else [q.low, q.median, q.high]
-                row += [np.nan] * 3 if lot is None or not lot.usable else [lot.q05, lot.q50, lot.q95]
-            rows.append(tuple(row))
-        for name, reason in self.failures.items():
-            empty: list[Cell] = [np.nan, "", "", *[np.nan] * 5, "", self.lots.get(name, "")]
-            rows.append((name, "failed", reason, *empty, *[np.nan] * (len(columns) - 3 - len(empty))))
-        return Table("batch", "Specimens", tuple(columns), tuple(sorted(rows, key=lambda r: str(r[0]))))
+            row: dict[str, Cell] = {c: getattr(x, c) for c in columns[2:10]}
+            row |= {"specimen": x.name, "state": "not converged" if x.converged is False else "finished"}
+            if odd := ranked.get(x.name):
+                row |= {"distance": odd.distance, "unusual_in": " ".join(odd.notable)}
+            for name, q in x.quantities.items():
+                row |= {f"{name}_{s}": v for s, v in zip(_QUANTILES, (q.low, q.median, q.high))}
+                if (lot := self.shrunk.get(name, {}).get(x.name)) and lot.usable:
+                    row |= {f"{name}_{s}_lot": getattr(lot, s) for s in _QUANTILES}
+            rows.append(row)
+        rows += [{"specimen": n, "state": "failed", "message": reason} for n, reason in self.failures.items()]
+        empty: dict[str, Cell] = {c: "" if c in words else np.nan for c in columns}
+        for row in rows:
+            row["lot"] = self.lots.get(str(row["specimen"]))
+        filled = [tuple(empty[c] if row.get(c) is None else row[c] for c in columns) for row in rows]
+        head = tuple(self.group or "lot" if c == "lot" else c for c in columns)
+        return Table("batch", "Specimens", head, tuple(sorted(filled, key=lambda r: str(r[0]))))
 
 
 def lots_of(folder: Path, group: str) -> dict[str, str]:
@@ -217,7 +212,3 @@ def populations(finished: tuple[Finished, ...], seed: int = 0) -> dict[str, Popu
         if found is not None:
             out[name] = found
     return out
-
-
-def _number(x: float | None) -> float:
-    return float("nan") if x is None else x

@@ -14,7 +14,7 @@ from bayes_iwan.diagnosis.answer.wording import title
 from bayes_iwan.diagnosis.assessment.budget import GapBudget, OneOf
 from bayes_iwan.diagnosis.constants import NAMED
 from bayes_iwan.report.diagnosis.gap_figures import panel_a_test
-from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, blank, narrow, styled, subplots
+from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, blank, narrow, one_panel, styled
 
 
 def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> None:
@@ -122,8 +122,7 @@ def _cycle_residual(ax: Axes, one: CycleResidual, causes: str) -> Axes:
 def shares_figure(budget: GapBudget) -> Figure:
     """Share of the gap that each named cause removes, on the fitted tests and on held-out tests."""
     causes = budget.causes
-    figure, axes = subplots(1, 1, 6.2, 0.42 * len(causes) + 1.1)
-    ax = axes[0, 0]
+    figure, ax = one_panel(6.2, 0.42 * len(causes) + 1.1)
     y = np.arange(len(causes))[::-1]
     least = 0.0
     for i, (k, c) in enumerate(zip(y, causes)):
@@ -155,8 +154,7 @@ def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str
     always |= {"drive": "the drive: no cause found"}
     keep = [x for x in ranked if x[0] in always or x[1] >= 0.005][:most]
     keep += [x for x in ranked if x[0] in always and x not in keep]
-    figure, axes = subplots(1, 1, 6.2, 0.3 * len(keep) + 0.8)
-    ax = axes[0, 0]
+    figure, ax = one_panel(6.2, 0.3 * len(keep) + 0.8)
     y = np.arange(len(keep))[::-1]
     for k, (name, p) in zip(y, keep):
         colour = {"none": GREEN, "unknown": ORANGE, "drive": ORANGE}.get(name, BLUE if name in named else PRIOR)
@@ -191,8 +189,7 @@ def moved_figure(moved: Mapping[str, Moved]) -> Figure:
     """Change of each of the specimen's parameters once the cause is in, in standard deviations."""
     names = list(moved)
     change = [(moved[n].after - moved[n].before) / max(moved[n].sd, 1e-300) for n in names]
-    figure, axes = subplots(1, 1, 6.2, 0.25 * len(names) + 0.8)
-    ax = axes[0, 0]
+    figure, ax = one_panel(6.2, 0.25 * len(names) + 0.8)
     y = np.arange(len(names))[::-1]
     ax.axvspan(-1, 1, color="#DDDDDD", linewidth=0)
     ax.axvline(0.0, color=BLACK, linewidth=0.6)

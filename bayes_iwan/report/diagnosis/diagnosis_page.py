@@ -12,10 +12,9 @@ from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.diagnosis.answer import sentences, wording
 from bayes_iwan.diagnosis.answer.diagnosis_json import FITTED, INVISIBLE, ceiling_shrink
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
-from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.answer.result import Diagnosis
-from bayes_iwan.diagnosis.answer.wording import capital, few, force, interval, percent, plain, title
-from bayes_iwan.diagnosis.assessment.budget import Cause, Kind, Share
+from bayes_iwan.diagnosis.answer.wording import few, force, interval, percent, plain, title
+from bayes_iwan.diagnosis.assessment.budget import Cause, Share
 from bayes_iwan.diagnosis.fits.gap_size import Gap
 from bayes_iwan.report.page import Page, Provenance, Section
 from bayes_iwan.report.rendering import Renderer
@@ -33,21 +32,13 @@ class Diagnosed:
 
 
 class DiagnosedSection(Section[Diagnosed]):
-    template, words = "diagnosis.html", wording
+    template, words, said = "diagnosis.html", wording, sentences
 
 
 class Answer(DiagnosedSection):
     """The verdict in words, the waterfall, the gap as a sum, where the unexplained part sits, and what words mean."""
 
     heading = "Answer"
-
-    @property
-    def colour(self) -> str:
-        return sentences.colour(self.r.found)
-
-    @property
-    def sentences(self) -> list[str]:
-        return sentences.sentences(self.r.found)
 
     def parts(self) -> list[Row]:
         verdict, unexplained = self.r.found.verdict, self.r.found.budget.unexplained
@@ -130,9 +121,6 @@ class Which(DiagnosedSection):
             for name, x in self.r.found.parameters[cause].items()
         ]
 
-    def remedy(self, cause: str) -> str | None:
-        return sentences.remedy(self.r.found, cause)
-
     def considered(self) -> list[Row]:
         places = {f.name: f for f in self.r.found.found.figures}
         rows: list[Row] = []
@@ -148,11 +136,7 @@ class Which(DiagnosedSection):
 
 
 class HowFar(DiagnosedSection):
-    heading = "How far the gap shrinks"
-
-    @property
-    def ceiling(self) -> float:
-        return ceiling_shrink(self.r.found)
+    heading, ceiling = "How far the gap shrinks", staticmethod(ceiling_shrink)
 
 
 class Moved(DiagnosedSection):
@@ -169,10 +153,6 @@ class Moved(DiagnosedSection):
 class CannotTell(DiagnosedSection):
     heading, invisible = "What these tests cannot tell", INVISIBLE
 
-    @property
-    def tied(self) -> list[Cause]:
-        return [c for c in self.r.found.verdict.causes if c.tied_with]
-
     def imitated(self) -> list[Row]:
         return [
             (x.what, title(e.name), _yes(e.name in x.tied), percent(x.without), percent(e.share))
@@ -182,31 +162,6 @@ class CannotTell(DiagnosedSection):
 
     def edges(self) -> list[Row]:
         return [(x.name, plain(x.value, 4), x.unit, f"{x.deviations:+.1f}", x.prior) for x in self.r.found.edges]
-
-    @property
-    def drive(self) -> bool:
-        return self.r.found.verdict.kind is Kind.DRIVE
-
-    @property
-    def following(self) -> NextTest:
-        assert self.r.found.next_test is not None
-        return self.r.found.next_test
-
-    @property
-    def nothing_to_run(self) -> str:
-        return capital(sentences.next_sentence(self.r.found).removeprefix("Next: "))
-
-    @property
-    def pair(self) -> str:
-        return " from ".join(title(x) for x in self.following.separates)
-
-    @property
-    def test(self) -> str:
-        return sentences.planned(self.following)
-
-    @property
-    def odds(self) -> str:
-        return f"{self.following.expected_log_odds:.1f} expected log odds (5 is strong evidence)"
 
     def benches(self) -> list[Row]:
         verdict = self.r.found.verdict

@@ -5,11 +5,11 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.comparison.frequencies import Agreement, Frequencies
+from bayes_iwan.comparison.frequencies import Agreement, Frequencies, p_text
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.report.identification.loops import some_tests, test_name
-from bayes_iwan.report.identification.marginals import interval, number, symbol_of
+from bayes_iwan.report.identification.marginals import interval, number, symbol_of, with_unit
 from bayes_iwan.report.identification.tables import spread
 from bayes_iwan.report.page import Cell, Table
 from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, narrow, panels, styled, ticked
@@ -24,11 +24,7 @@ def _interval(posterior: Posterior, name: str) -> str:
 
 
 def _label(frequencies: Frequencies, check: Agreement) -> str:
-    return symbol_of(frequencies.joint, check.name) + (f" ({check.unit})" if check.unit not in ("", "-") else "")
-
-
-def _p_text(check: Agreement) -> str:
-    return f"{check.p_value:.2f}" if check.p_value >= 0.01 else "< 0.01"
+    return with_unit(symbol_of(frequencies.joint, check.name), check.unit)
 
 
 def _alone(frequencies: Frequencies) -> list[tuple[Loop, Posterior]]:
@@ -64,7 +60,7 @@ def wander_figure(frequencies: Frequencies) -> Figure:
             ax.plot([x, x], [low, high], color=BLACK, linewidth=1.0)
             ax.plot([x, x], [first, third], color=BLACK, linewidth=3.2, solid_capstyle="butt")
             ax.plot(x, middle, "o", color="white", markeredgecolor=BLACK, markersize=4.5)
-        bad, p = check.p_value < 0.05, _p_text(check)
+        bad, p = check.p_value < 0.05, p_text(check.p_value)
         above = "\n" if narrow() else ""  # two titles do not go beside each other there
         ax.set_title(_label(frequencies, check) + above, loc="left")
         said = ("✗ " if bad else "") + (f"p {p}" if p[0] == "<" else f"p = {p}")
@@ -89,7 +85,7 @@ def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
             else:
                 middle, half = float(check.estimate[i]), 1.645 * float(check.error[i])
                 cells.append(f"~ {number(middle, half)} [{number(middle - half, half)}, {number(middle + half, half)}]")
-        rows.append([*cells, _p_text(check)])
+        rows.append([*cells, p_text(check.p_value)])
     return columns, rows
 
 

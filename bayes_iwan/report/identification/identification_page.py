@@ -3,13 +3,12 @@
 import os
 from pathlib import Path
 
-from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
 from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL, searches_said
 from bayes_iwan.inference.results.run_files import load
-from bayes_iwan.models import Model, Simulator
+from bayes_iwan.models import Model
 from bayes_iwan.report.browser import print_pdf, require_browser
 from bayes_iwan.report.cite import SOFTWARE
 from bayes_iwan.report.identification import (
@@ -25,8 +24,8 @@ from bayes_iwan.report.identification.by_frequency import frequencies_table
 from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
 from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.identification.summary import Answer, Determined, Identified, IdentifiedSection
-from bayes_iwan.report.identification.where_gap import DISAGREE, Finding, regions_finding
-from bayes_iwan.report.page import Page, provenance
+from bayes_iwan.report.identification.where_gap import regions_finding
+from bayes_iwan.report.page import Finding, Page, provenance
 from bayes_iwan.report.rendering import shared
 from bayes_iwan.report.style import house_style
 from bayes_iwan.report.viewer import viewer_data
@@ -63,22 +62,9 @@ class Loops(IdentifiedSection):
 class Laws(IdentifiedSection):
     heading, draw = "Slip forces, stiffness and normal force", law_figures
 
-    @property
-    def model(self) -> Simulator:
-        return self.r.posterior.problem.model
-
 
 class EachFrequency(IdentifiedSection):
     heading, draw = "Each frequency alone", by_frequency
-
-    @property
-    def agree(self) -> bool:
-        return self.r.by_frequency.overall >= DISAGREE
-
-    @property
-    def missing(self) -> list[str]:
-        """Frequencies that were not identified alone."""
-        return [name for name in self.r.by_frequency.groups if name not in self.r.by_frequency.alone]
 
     @property
     def short(self) -> str:
@@ -154,30 +140,14 @@ class Priors(IdentifiedSection):
 class Methods(IdentifiedSection):
     """A paragraph for a paper: data, model, likelihood, priors, search, sampling, software, as they were run."""
 
-    heading, software = "Methods", SOFTWARE
-
-    @property
-    def loops(self) -> tuple[Loop, ...]:
-        return self.r.posterior.problem.loops
+    heading, software, likelihoods = "Methods", SOFTWARE, _LIKELIHOOD
 
     def span(self, name: str, unit: str) -> str:
         """Smallest to largest of the loops."""
-        values = [getattr(x if name == "n_cycles" else x.record, name) for x in self.loops]
+        loops = self.r.posterior.problem.loops
+        values = [getattr(x if name == "n_cycles" else x.record, name) for x in loops]
         low, high = f"{min(values):g}", f"{max(values):g}"
         return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
-
-    @property
-    def free(self) -> int:
-        return len(self.r.posterior.problem.prior.free)
-
-    @property
-    def fixed(self) -> int:
-        return len(self.r.posterior.problem.prior.parameters) - self.free
-
-    @property
-    def likelihood(self) -> str:
-        name = self.r.posterior.problem.likelihood.name
-        return _LIKELIHOOD.get(name, name)
 
 
 @house_style()

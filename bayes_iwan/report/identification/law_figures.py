@@ -8,7 +8,7 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.models import Model, ModelError, sine_motion
 from bayes_iwan.models.simulator import inner_effects
-from bayes_iwan.report.style import PRIOR, band, series, styled, subplots, ticked
+from bayes_iwan.report.style import PRIOR, band, one_panel, series, styled, subplots, ticked
 
 
 def _model(posterior: Posterior) -> Model:
@@ -87,8 +87,7 @@ def stiffness_figure(posterior: Posterior, prior: bool = True) -> Figure:
     law = _model(posterior).stiffness_law
     low, high = _alpha_range(posterior, parameter_values)
     alpha = np.linspace(0.0, max(1.2, 1.25 * high), 121)
-    figure, axes = subplots(1, 1, 4.6, 3.1)
-    ax = axes[0, 0]
+    figure, ax = one_panel(4.6, 3.1)
     ax.axvspan(low, high, color="#DDDDDD", linewidth=0, label="α in the tests")
 
     def k(of: ParameterValues) -> Array:

@@ -167,6 +167,11 @@ def _range(x: Array) -> tuple[float, float]:
     return float(low - pad), float(high + pad)
 
 
+def with_unit(symbol: str, unit: str) -> str:
+    """A label of an axis or a row."""
+    return symbol if unit in ("", "-") else f"{symbol} ({unit})"
+
+
 def symbol_of(posterior: Posterior, name: str) -> str:
     """A short sign for a quantity: the parameter's own, or 'φ 25 %' for a quantile of the slip forces."""
     for p in posterior.problem.prior.parameters:
@@ -184,8 +189,7 @@ def identifiable(posterior: Posterior) -> tuple[dict[str, Array], dict[str, str]
     draws, labels = {}, {}
     for name in determined_names(posterior):
         draws[name] = np.asarray(found[name].values, dtype=float)
-        unit = found[name].unit
-        labels[name] = symbol_of(posterior, name) + (f" ({unit})" if unit not in ("", "-") else "")
+        labels[name] = with_unit(symbol_of(posterior, name), found[name].unit)
     return draws, labels
 
 
@@ -203,8 +207,7 @@ def paper_corner(posterior: Posterior, names: Sequence[str] | None = None) -> Fi
     for n in ("kn_1_mm", "lambda_s_m"):  # heavy tails as β → 0: show what 98 % of draws do
         if n in chosen:
             chosen[n] = np.clip(chosen[n], *np.quantile(chosen[n], [0.01, 0.99]))
-    labels = {n: paper_symbol(n) + (f" ({found[n].unit})" if found[n].unit != "-" else "") for n in chosen}
-    return corner_figure(chosen, labels)
+    return corner_figure(chosen, {n: with_unit(paper_symbol(n), found[n].unit) for n in chosen})
 
 
 _SYMBOLS = {"kp_N_mm": "Kp", "ki_N_mm": "ki", "ku_N_mm": "ku", "kn_1_mm": "kₙ", "lambda_s_m": "λ", "beta": "β"}

@@ -10,13 +10,14 @@ from scipy import special
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.comparison.frequencies import p_text
 from bayes_iwan.comparison.loo import smoothed_log_weights
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.likelihood import Independent
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.style import BLUE, ORANGE, RED, numbered_cells, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, RED, numbered_cells, one_panel, styled, subplots
 
 _RISING = ("after lower\nreversal", "stretching,\nmid-stroke", "before upper\nreversal")
 REGIONS = (*_RISING, "after upper\nreversal", "shortening,\nmid-stroke", "before lower\nreversal")
@@ -64,13 +65,12 @@ def regions_figure(posterior: Posterior, checks: RegionChecks | None = None) -> 
     """Predictive p-values by test and loop region, the number in each cell; low ones (a gap) orange and bold."""
     checks = region_checks(posterior) if checks is None else checks
     n = len(checks.loops)
-    figure, axes = subplots(1, 1, 7.2, 0.3 * n + 1.2)
-    ax = axes[0, 0]
+    figure, ax = one_panel(7.2, 0.3 * n + 1.2)
     colours = LinearSegmentedColormap.from_list(
         "p", [(0.0, RED), (0.05, ORANGE), (0.12, "#FFFFFF"), (0.88, "#FFFFFF"), (1.0, BLUE)]
     )
     p, tests = checks.p_value, [test_name(x) for x in checks.loops]
-    texts, bold = [[f"{x:.2f}" if x >= 0.01 else "< 0.01" for x in row] for row in p], (p < 0.05) | (p > 0.95)
+    texts, bold = [list(map(p_text, row)) for row in p], (p < 0.05) | (p > 0.95)
     numbered_cells(ax, p, texts, tests, REGIONS, bold, cmap=colours, vmin=0, vmax=1, alpha=0.55)
     ax.set_title("chance that the model's own loops miss by more than the measured one", loc="left")
     return figure

@@ -12,7 +12,7 @@ from scipy.stats import rankdata
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.report.style import decimal_ticks, series, styled, subplots
+from bayes_iwan.report.style import decimal_ticks, one_panel, series, styled, subplots
 from bayes_iwan.sampling.checkpoint import NAME, CheckpointError, read_checkpoint
 from bayes_iwan.sampling.convergence import autocorrelation_time
 from bayes_iwan.sampling.run import STAGE
@@ -97,8 +97,7 @@ def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
         [[autocorrelation_time(run.z[:, :n, :, i]) for i in range(posterior.ndim)] for n in lengths]
     )
     steps = run.thin * lengths
-    figure, axes = subplots(1, 1, 5.4, 3.0)
-    ax = axes[0, 0]
+    figure, ax = one_panel(5.4, 3.0)
     for rank, i in enumerate(np.argsort(-tau[-1])):
         if rank < 3:
             symbol = posterior.problem.prior.free[i].symbol

@@ -7,9 +7,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.frequencies import Frequencies
-from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import SLIP_NAMES
 from bayes_iwan.models.iwan_parameters import embedded_parameters
@@ -19,7 +18,7 @@ from bayes_iwan.report.identification.predictive import Predictive
 from bayes_iwan.report.identification.predictive_checks import RegionChecks
 from bayes_iwan.report.identification.tables import Compared, LoopRow
 from bayes_iwan.report.identification.where_gap import findings, headline_figure
-from bayes_iwan.report.page import Section
+from bayes_iwan.report.page import Finding, Section
 
 #: what a customer asks of the model first, and in words that need no paper
 _FIRST = {
@@ -70,9 +69,8 @@ class Answer(IdentifiedSection):
     heading, large = "Answer", LARGE_RESIDUAL
 
     @property
-    def found(self) -> list[tuple[str, bool, str]]:
-        every = findings(self.r.posterior, self.r.regions, self.r.by_frequency)
-        return [(x.text, x.good, x.section) for x in every]
+    def found(self) -> list[Finding]:
+        return findings(self.r.posterior, self.r.regions, self.r.by_frequency)
 
     @property
     def fitted(self) -> list[LoopRow]:

@@ -11,8 +11,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
 from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency
-from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow
+from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.setup.loop_error import friction_rms_N
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.models.motion import motion_of
@@ -159,20 +158,7 @@ def held_out_table(held_out: Sequence[HeldOutFrequency]) -> Table:
     return Table("held_out", "What bands hold of each frequency that is held out", columns, rows)
 
 
-_GREEK = {
-    "α": "alpha",
-    "β": "beta",
-    "ε": "varepsilon",
-    "η": "eta",
-    "λ": "lambda",
-    "μ": "mu",
-    "σ": "sigma",
-    "φ": "phi",
-    "χ": "chi",
-    "ℓ": "ell",
-    "∝": "propto",
-    "≥": "geq",
-}
+_GREEK = dict(zip("αβεηλμσφχℓ∝≥", "alpha beta varepsilon eta lambda mu sigma phi chi ell propto geq".split()))
 _TEX_SYMBOL: Mapping[str, str] = {
     "kp": "k_p",
     "F₀": "F_0",

@@ -1,7 +1,6 @@
 """What a page's checks found, collected for its answer: a reader of the answer alone must not miss a failed check."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,21 +13,11 @@ from bayes_iwan.report.identification.loops import draw_loop, test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.identification.predictive_checks import RegionChecks
 from bayes_iwan.report.identification.tables import LoopRow
+from bayes_iwan.report.page import Finding
 from bayes_iwan.report.style import BLUE, ORANGE, styled, subplots
 
 #: share of loop regions with p < 0.05 above which the model is said to miss more than it admits
 REGIONS_LARGE = 0.1
-#: p-value below which frequencies are said to disagree
-DISAGREE = 0.05
-
-
-@dataclass(frozen=True, kw_only=True)
-class Finding:
-    """One check: what it says, whether all is well, and the heading of the section that shows it ("": none does)."""
-
-    text: str
-    good: bool
-    section: str = ""
 
 
 def regions_finding(result: RegionChecks) -> Finding:
@@ -36,34 +25,30 @@ def regions_finding(result: RegionChecks) -> Finding:
     fitted = [t for t, loop in enumerate(result.loops) if loop.role != "held-out"]
     p = result.p_value[fitted]
     low = int(np.sum(p < 0.05))
-    return Finding(
-        text=f"{low} of {p.size} loop regions miss by more than 95 % of the model's own replicates would (by chance "
-        f"about {0.05 * p.size:.0f}).",
-        good=low <= REGIONS_LARGE * p.size,
-        section="Is the model enough?",
+    said = (
+        f"{low} of {p.size} loop regions miss by more than 95 % of the model's own replicates would (by chance about "
+        f"{0.05 * p.size:.0f})."
     )
+    return Finding(said, low <= REGIONS_LARGE * p.size, "Is the model enough?")
 
 
-def findings(posterior: Posterior, regions: RegionChecks, by_frequency: Frequencies) -> tuple[Finding, ...]:
-    """Every check of an identification, failed ones first."""
-    found = [Finding(text=text, good=False) for text in posterior.warnings()]
+def findings(posterior: Posterior, regions: RegionChecks, by_frequency: Frequencies) -> list[Finding]:
+    """Every check of an identification."""
+    found = [Finding(text) for text in posterior.warnings()]
     if posterior.converged and not posterior.quick:
-        found.append(Finding(text="The chains have converged.", good=True, section="Sampling"))
+        found.append(Finding("The chains have converged.", True, "Sampling"))
     share = posterior.residual_size().gap_share
     if share <= LARGE_RESIDUAL:
-        text = f"The gap is {100 * share:.2g} % of the friction force."
-        found.append(Finding(text=text, good=True))
+        found.append(Finding(f"The gap is {100 * share:.2g} % of the friction force.", True))
     if posterior.held_out and all(x.holds for x in posterior.held_out):
-        found.append(Finding(text=held_out_said(posterior.held_out), good=True, section="Is the model enough?"))
+        found.append(Finding(held_out_said(posterior.held_out), True, "Is the model enough?"))
     found.append(regions_finding(regions))
     if len(by_frequency.groups) > 1:
-        text, good = by_frequency.statement(), by_frequency.overall >= DISAGREE
-        found.append(Finding(text=text, good=good, section="Each frequency alone"))
+        found.append(Finding(by_frequency.statement(), by_frequency.agree, "Each frequency alone"))
     tests = () if posterior.campaign is None else posterior.campaign.tests
     if noted := [x.file for x in tests if x.warnings]:
-        text = f"Something was noticed about {len(noted)} of {len(tests)} records; see the table below."
-        found.append(Finding(text=text, good=False))
-    return tuple(sorted(found, key=lambda x: x.good))
+        found.append(Finding(f"Something was noticed about {len(noted)} of {len(tests)} records; see the table below."))
+    return found
 
 
 @styled

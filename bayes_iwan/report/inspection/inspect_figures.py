@@ -11,7 +11,7 @@ from bayes_iwan.campaign.folders.inspect import CycleMean, Inspection
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import measured_cycles
-from bayes_iwan.report.style import decimal_ticks, narrow, panels, points, series, styled, subplots
+from bayes_iwan.report.style import decimal_ticks, narrow, one_panel, panels, points, series, styled, subplots
 
 CYCLES = 12  # cycles drawn behind a loop
 COLUMNS = 3
@@ -145,8 +145,7 @@ def drift(tests: Sequence[Inspection], units: Units) -> Figure:
 @styled
 def drive(tests: Sequence[Inspection], units: Units) -> Figure:
     """Harmonics of the displacement over its strongest, one line a test; what noise hides is omitted."""
-    figure, axes = subplots(1, 1, 6.4, 3.2)
-    ax = axes[0, 0]
+    figure, ax = one_panel(6.4, 3.2)
     orders = np.arange(2, 11)
     for k, test in enumerate(tests):
         percent = 100 * np.where(test.drive_harmonics[1:10] > 1e-7, test.drive_harmonics[1:10], np.nan)

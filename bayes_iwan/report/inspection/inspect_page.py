@@ -13,7 +13,7 @@ from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.campaign.timing.accelerometer import STATED
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.inspection import inspect_figures as figures
-from bayes_iwan.report.page import Page, Section, provenance
+from bayes_iwan.report.page import Finding, Page, Section, provenance
 from bayes_iwan.report.style import house_style
 
 
@@ -75,9 +75,9 @@ class Answer(InspectionSection):
         return [(test.loop.file, note) for test in self.r[1] for note in test.notes]
 
     @property
-    def found(self) -> list[tuple[str, bool, str]]:
+    def found(self) -> list[Finding]:
         said = f"{len(self.noted)} remark(s) on the records: read them before anything is identified."
-        return [(said, False, "") if self.noted else ("Nothing stands in the way of an identification.", True, "")]
+        return [Finding(said) if self.noted else Finding("Nothing stands in the way of an identification.", True)]
 
     def ranges(self) -> list[tuple[str, str]]:
         campaign, tests = self.r
@@ -100,28 +100,15 @@ class Answer(InspectionSection):
         return ", ".join(test_name(t.loop) for t in self.r[1] if t.loop.role == "held-out")
 
 
-class Friction(InspectionSection):
-    heading = "Loops less the straight part"
-
-
-class Overlays(InspectionSection):
-    heading = "Across frequency"
-
-
-class Trends(InspectionSection):
-    heading = "Energy, stiffness and damping"
-
-
-class Noise(InspectionSection):
-    heading = "Noise"
-
-
-class Drift(InspectionSection):
-    heading = "Over the cycles"
-
-
-class Drive(InspectionSection):
-    heading = "The drive"
+#: after the answer: figures alone, and words that stand in the template
+SECTIONS = {
+    "Friction": "Loops less the straight part",
+    "Overlays": "Across frequency",
+    "Trends": "Energy, stiffness and damping",
+    "Noise": "Noise",
+    "Drift": "Over the cycles",
+    "Drive": "The drive",
+}
 
 
 @house_style()
@@ -130,10 +117,8 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
     title, footer = f"What the records show: {campaign.name}", "No model was fitted and nothing drawn at random."
     page = Page(title, campaign.description, footer, campaign.units, provenance(campaign))
     r = (campaign, tests)
-    page.add(Answer(r), Friction(r))
-    if campaign.clock:
-        page.add(Overlays(r))
-    page.add(Trends(r), Noise(r), Drift(r), Drive(r))
+    shown = (InspectionSection(r, *x) for x in SECTIONS.items() if x[0] != "Overlays" or campaign.clock)
+    page.add(Answer(r), *shown)
     return page.write(out / "inspect.html")
 
 

@@ -1,7 +1,0 @@
-"""`python -m bayes_iwan.cli`: the command line where no script is installed."""
-
-import sys
-
-from bayes_iwan.cli import main
-
-sys.exit(main())
