@@ -121,13 +121,16 @@ class FittedSets:
         self._keep([self._start(one, smaller) for one in some])
 
     def exchange(self, some: Sequence[Candidate], smaller: Fit, old: Fit) -> None:
-        """The same, and each law of theirs from where it does what another effect of a larger fit did."""
-        laws = [e for one in some for e in self.effects[one.name] if e.possible(self.data)]
-        problems = [on_top(smaller, e) for e in laws]
-        self._keep(
-            [self._start(one, smaller) for one in some]
-            + [Refit(p, in_place(self.data, old, p, e)[None]) for p, e in zip(problems, laws)]
-        )
+        """The same, and by each of their laws from where it does what the effect did that is in the larger fit."""
+        models = []
+        for one in some:
+            for law in (e for e in self.effects[one.name] if e.possible(self.data)):
+                problem = on_top(smaller, law)
+                starts = in_place(self.data, old, problem, law)[None]
+                if law is one.effect:
+                    starts = np.concatenate([self._start(one, smaller).starts, starts])
+                models.append(Refit(problem, starts))
+        self._keep(models)
 
     def _start(self, one: Candidate, smaller: Fit) -> Refit:
         starts, draws = one.starts, np.empty(0)
