@@ -29,7 +29,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.campaign.loops.averaging import average, in_band
+from bayes_iwan.campaign.loops.averaging import average
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.setup.loop_scales import loop_energy_mJ
 from bayes_iwan.inference.setup.problem import Problem, make_problem
@@ -74,7 +74,7 @@ def simulated(seed: int, index: int, n_sliders: int) -> dict[str, Any]:
     case = rig_cases.draw_case(np.random.default_rng([seed, index]), "none", n_sliders=n_sliders)
     tests = tuple(t for t in case.tests if t.role == "fit")
     at: dict[str, Any] = dict(setup=case.setup, seed=case.seed)
-    loops = [in_band(average(r, **GRID)) for r in rig.records(rig.simulate_tests(case.specimen, tests, **at))]
+    loops = [average(r, **GRID) for r in rig.records(rig.simulate_tests(case.specimen, tests, **at))]
     clean = [average(r, **GRID) for r in rig.records(rig.simulate_tests(case.specimen, tests, clean=True, **at))]
     truth = on_fixture(case.specimen, case.setup.fixture_compliance_mm_N)
     truth |= {

@@ -17,7 +17,6 @@ import time
 from pathlib import Path
 
 from bayes_iwan.campaign import average, read_campaign
-from bayes_iwan.campaign.loops.averaging import in_band
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
 from bayes_iwan.diagnosis.assessment.assessed_search import weighed
 from bayes_iwan.diagnosis.diagnosis import searched
@@ -39,7 +38,7 @@ def fitted(rule: str, path: str) -> bytes:
         drawn = {"kind": "measured", "family": Path(path).name, "truth": {"effects": []}}
     else:
         drawn = pickle.loads(Path(path).read_bytes())
-        loops = [in_band(average(r, **LOOPS)) for r in drawn["records"]]
+        loops = [average(r, **LOOPS) for r in drawn["records"]]
     began = time.process_time()
     with linear_algebra().limit(limits=1):
         found = weighed(searched(gap_data(loops), DiagnoseSettings(), 0), 0)
