@@ -29,7 +29,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.campaign.loops.averaging import average, in_band
+from bayes_iwan.campaign.loops.averaging import average
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.setup.loop_scales import loop_energy_mJ
 from bayes_iwan.inference.setup.problem import Problem, make_problem
@@ -73,7 +73,7 @@ def simulated(seed: int, index: int, n_sliders: int) -> dict[str, Any]:
     """A sound case of the rig: its averaged loops as recorded, and the truths."""
     case = rig_cases.draw_case(np.random.default_rng([seed, index]), "none", n_sliders=n_sliders)
     tests = tuple(t for t in case.tests if t.role == "fit")
-    loops = [in_band(average(r, **GRID)) for r in rig.records(case.rig.run_all(tests))]
+    loops = [average(r, **GRID) for r in rig.records(case.rig.run_all(tests))]
     clean = [average(r, **GRID) for r in rig.records(case.rig.run_all(tests, clean=True))]
     truth = on_fixture(case.specimen, case.setup.fixture_compliance_mm_N)
     truth |= {

@@ -402,7 +402,7 @@ def test_a_set_that_only_scores_together_is_found_from_either_effect(kit, monkey
         effects = tuple(found.effects[n][0] for n in names)
         return replace(found.fits[frozenset()], problem=found.fits[frozenset()].problem.with_effects(effects))
 
-    def add(some, smaller, instead_of=None):
+    def add(some, smaller):
         for one in some:
             names = smaller.names | {one.name}
             found.fits[names] = fit(*sorted(names))

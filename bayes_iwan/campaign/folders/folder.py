@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.arrays import Array, wrapped
-from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE, Loop, average, in_band
+from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE, Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record, check_time, on_grid_of_rate, step_warnings
 from bayes_iwan.campaign.loops.resolution import POINTS, points_for
@@ -98,7 +98,7 @@ class Campaign:
         return self.tests[0].clock
 
     def loops(self, n_phase: int | None = None, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
-        """Each test's phase-averaged loop, harmonics that cannot be trusted omitted, in the order of `tests`.
+        """Each test's phase-averaged loop, in the order of `tests`.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class Campaign:
         """
 
         def averaged(points: int) -> tuple[Loop, ...]:
-            return tuple(alongside(lambda test: in_band(average(test, points, n_harmonics, n_blocks)), self.tests))
+            return tuple(alongside(lambda test: average(test, points, n_harmonics, n_blocks), self.tests))
 
         if n_phase is not None:
             return averaged(n_phase)
@@ -219,7 +219,7 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
     )
     same = [loop.record.force_N is record.force_N for loop, record in zip(loops, records)]
     pairs = [replace(x, record=r) if kept else average(r, n_blocks=1) for x, r, kept in zip(loops, records, same)]
-    return campaign, tuple(map(in_band, pairs))
+    return campaign, tuple(pairs)
 
 
 def _table(stated: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -173,7 +173,8 @@ class Loop:
 
 
 def average(record: Record, n_phase: int = 128, n_harmonics: int = MOST_HARMONICS, n_blocks: int = 6) -> Loop:
-    """Average the steady cycles of one record; see `Loop` for what comes out.
+    """Average the steady cycles of one record; see `Loop` for what comes out. Harmonics of the force that lie above the
+    band that can be trusted are no data: their noise is infinite.
 
     Raises CampaignError where the record has fewer than two whole steady cycles, or too few samples in each.
     """
@@ -243,7 +244,7 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = MOST_HARMONIC
         force_N=on_grid(f_blocks[-1], n_phase),
         force_scatter_N=_scatter(averager.phase - shift, residual, n_phase, n_cycles),
         harmonics_N=f_blocks[-1],
-        noise_N=_pad(noise, n_harmonics),
+        noise_N=_in_band(_pad(noise, n_harmonics), cut.frequency_hz, float(np.median(np.diff(record.time_s)))),
         block_cycle=np.array([g.mean() + 0.5 for g in np.array_split(cut.cycles, n_blocks)]),
         block_harmonics_N=f_blocks[:-1],
         block_noise_N=_pad(block_noise, n_harmonics),
@@ -264,12 +265,12 @@ def fitted_loops(loops: object) -> tuple[Loop, ...]:
     return fitted
 
 
-def in_band(loop: Loop) -> Loop:
-    """The loop with the force's harmonics above TRUSTED_BAND of the sampling rate no data: their noise is infinite."""
-    order = np.arange(len(loop.noise_N))
-    step = float(np.median(np.diff(loop.record.time_s)))
-    beyond = (order * loop.frequency_hz * step > TRUSTED_BAND) & (order > LEAST_HARMONICS)
-    return replace(loop, noise_N=np.where(beyond, np.inf, loop.noise_N))
+def _in_band(noise_N: Array, frequency_hz: float, step_s: float) -> Array:
+    """The noise (H + 1,) of the force's harmonics, infinite for those above TRUSTED_BAND of the sampling rate: they are
+    no data."""
+    order = np.arange(len(noise_N))
+    beyond = (order * frequency_hz * step_s > TRUSTED_BAND) & (order > LEAST_HARMONICS)
+    return np.where(beyond, np.inf, noise_N)
 
 
 def _pad(noise: Array, n_harmonics: int) -> Array:

@@ -14,7 +14,10 @@ from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
+from bayes_iwan.fitting.descent import descend
+from bayes_iwan.fitting.least_squares import half_square
 from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.models.parameter import Z_LIMIT
 
 #: z of the strength, signed or not, and of extra parameters at which an effect is tried
 STRENGTHS = {False: (-2.0, -1.0, -0.2, 0.6, 1.4, 2.2), True: (-1.2, -0.4, 0.4, 1.2)}
@@ -23,6 +26,8 @@ EXTRAS = (-1.6, -0.8, 0.0, 0.8, 1.6)
 LEAST_SHARE = 1e-3
 #: step of the differences behind a trial's own Jacobian, and the longest step that is believed of it, in prior sd
 STEP, LONGEST = 1e-3, 1.5
+#: trial points from which an effect is fitted in another one's place, and steps of that
+PLACES, IN_PLACE = 3, 12
 
 
 @dataclass(frozen=True)
@@ -116,6 +121,34 @@ def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Se
         z[own] = values
         out.append(z)
     return np.array(out)
+
+
+def in_place(data: GapData, fit: Fit, problem: Problem, effect: Effect) -> Array:
+    """(ndim,) where the refit of a problem starts in which an effect replaces another one of a fit: all other numbers
+    as they are there, and the effect's own where it alone does what the other did.
+
+    Beside the refitted smaller model its first step leads where the base has made up for both; what two that look
+    alike have in common lies elsewhere.
+    """
+    others = [n for n in fit.problem.names if n in problem.names]
+    at = fit.z[None, [fit.problem.names.index(n) for n in others]]
+    points = start_points(effect, problem, at, others)
+    own = [i for i, n in enumerate(problem.names) if n not in others]
+    rows = Rows(data, problem, fit.size.between)
+    sd = rows.sd(fit.size)
+
+    def residuals(z: Array) -> Array:
+        every = np.repeat(points[:1], len(z), axis=0)
+        every[:, own] = z
+        with np.errstate(all="ignore"):
+            return np.concatenate([rows.residual(every) / sd, z], axis=1)
+
+    tried = points[:, own]
+    nearest = np.argsort(half_square(residuals(tried)))[:PLACES]
+    ended = descend(residuals, tried[nearest], np.tile([-Z_LIMIT, Z_LIMIT], (len(own), 1)), IN_PLACE)
+    start = points[0].copy()
+    start[own] = ended.x[ended.best]
+    return start
 
 
 def promising(rows: Rows, points: Array, residual: Array, smaller: Fit, size: DiscrepancySize) -> tuple[Array, float]:

@@ -16,7 +16,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.search.base_fit import BASE_POINTS, fit_base, newton_nats, quick_gap_N, sound_gap_N
-from bayes_iwan.diagnosis.search.candidates import Candidate, failing
+from bayes_iwan.diagnosis.search.candidates import Candidate, failing, in_place, on_top
 from bayes_iwan.diagnosis.search.refits import Refit, Refits
 from bayes_iwan.diagnosis.search.search_result import LAST, alike_pairs, look_alike, part, score
 from bayes_iwan.effects.base import TYPICAL_SHARE, Effect
@@ -116,21 +116,28 @@ class FittedSets:
             if fit is not None and (old is None or gt(*self.scores([fit, old]))):
                 self.fits[fit.names] = fit
 
-    def add(self, some: Sequence[Candidate], smaller: Fit, instead_of: Fit | None = None) -> None:
-        """Refit candidates, from where each promised most, from where it was best beside the base alone, and from the
-        others of the set that it is tried in."""
-        self._keep([self._start(one, smaller, instead_of) for one in some])
+    def add(self, some: Sequence[Candidate], smaller: Fit) -> None:
+        """Refit candidates, from where each promised most and from where it was best beside the base alone."""
+        self._keep([self._start(one, smaller) for one in some])
 
-    def _start(self, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
+    def exchange(self, some: Sequence[Candidate], smaller: Fit, old: Fit) -> None:
+        """The same, and by each of their laws from where it does what the effect did that is in the larger fit."""
+        models = []
+        for one in some:
+            for law in (e for e in self.effects[one.name] if e.possible(self.data)):
+                problem = on_top(smaller, law)
+                starts = in_place(self.data, old, problem, law)[None]
+                if law is one.effect:
+                    starts = np.concatenate([self._start(one, smaller).starts, starts])
+                models.append(Refit(problem, starts))
+        self._keep(models)
+
+    def _start(self, one: Candidate, smaller: Fit) -> Refit:
         starts, draws = one.starts, np.empty(0)
         alone = self.fits.get(frozenset({one.name}))
         if smaller.effects and alone is not None:
             z = dict(zip(smaller.problem.names, smaller.z)) | dict(zip(alone.problem.names, alone.z))
             starts = np.concatenate([starts, np.array([[z.get(n, 0.0) for n in one.problem.names]])])
-        if instead_of is not None:
-            z = dict(zip(one.problem.names, one.starts[0]))
-            z |= {n: v for n, v in zip(instead_of.problem.names, instead_of.z) if n in smaller.problem.names}
-            starts = np.concatenate([starts, np.array([[z[n] for n in one.problem.names]])])
         if one.effect.sudden and not smaller.effects:  # the base may have adapted too far to lead there
             draws = one.problem.prior.draw(self.rng, BASE_POINTS)
         return Refit(one.problem, starts, draws)

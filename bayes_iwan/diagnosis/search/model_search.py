@@ -85,7 +85,8 @@ def settle(found: FittedSets, current: Fit) -> Fit:
         offered = [x for last in (False, True) for x in found.offered(less, last) if x.name != name]
         alike = [x for x in offered if look_alike(found.effects, name, x.name)]
         others = promising([x for x in offered if x not in alike], BRANCH)
-        found.add([x for x in (*alike, *others) if less.names | {x.name} not in found.fits], less, current)
+        new = [x for x in others if less.names | {x.name} not in found.fits]
+        found.exchange([*alike, *new], less, current)
         exchanged = [k for k in found.fits if less.names < k and len(k) == len(current.names)]
         current = found.ranked([less.names, *exchanged])[0]
     return current
