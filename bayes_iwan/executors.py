@@ -29,6 +29,7 @@ import numba as nb
 from tqdm import tqdm
 
 from bayes_iwan.errors import InputError
+from bayes_iwan.terminal import stopped
 from bayes_iwan.threads import alongside, linear_algebra
 
 Shared = TypeVar("Shared")
@@ -260,6 +261,8 @@ def _piece(shared: object, work: Callable[[Shared, Piece], Result], piece: Piece
         try:
             return work(value, piece)
         except Exception as error:
+            if stopped.is_set():  # a library that is interrupted fails in its own way
+                raise KeyboardInterrupt from error
             return Failure(type(error).__name__, str(error), traceback.format_exc())
 
 

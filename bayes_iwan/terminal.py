@@ -1,6 +1,7 @@
 """What goes to a terminal: text without the characters that would steer it, and one way to be stopped."""
 
 import signal
+import threading
 import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,10 @@ def plain(text: str) -> str:
     return "".join(c if c in "\n\t" or unicodedata.category(c) not in ("Cc", "Cf", "Cs") else "?" for c in text)
 
 
+#: set by a signal that ends the work; whoever keeps an error as a result asks whether it came of that
+stopped = threading.Event()
+
+
 @contextmanager
 def terminate_as_interrupt() -> Iterator[None]:
     """Inside, SIGTERM is KeyboardInterrupt as Ctrl-C is: whatever keeps its work for the one keeps it for the other. So
@@ -18,11 +23,9 @@ def terminate_as_interrupt() -> Iterator[None]:
 
     In the main thread only, where Python handles signals; elsewhere this does nothing.
     """
-    stopped = False
 
     def stop(number: int, frame: object) -> None:
-        nonlocal stopped
-        stopped = True
+        stopped.set()
         raise KeyboardInterrupt
 
     before = {}
@@ -36,9 +39,10 @@ def terminate_as_interrupt() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if stopped:
+        if stopped.is_set():
             raise KeyboardInterrupt from error
         raise
     finally:
+        stopped.clear()
         for number, handler in before.items():
             signal.signal(number, handler)

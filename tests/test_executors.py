@@ -21,6 +21,7 @@ from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.catalogue import load_effects
 from bayes_iwan.executors import ExecutorError, Failure
 from bayes_iwan.inference.setup.loop_scales import scales_of
+from bayes_iwan.terminal import terminate_as_interrupt
 
 ANALYSES = Path(__file__).parents[1] / "analyses"
 PIECES = {f"piece {i}": i for i in range(6)}
@@ -295,3 +296,19 @@ def wait_for(condition, seconds=20):
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.05)
+
+
+def fail_when_interrupted(shared, piece):
+    """As a compiler does that a signal interrupts."""
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(10.0)
+    except KeyboardInterrupt:
+        raise RuntimeError("half a type") from None
+
+
+def test_a_piece_that_a_signal_makes_fail_ends_the_work():
+    """Not that piece alone, with the next one begun."""
+    with pytest.raises(KeyboardInterrupt), terminate_as_interrupt():
+        list(executors.finished({"a": 1, "b": 2}, fail_when_interrupted, None))
+    assert isinstance(dict(executors.finished({"a": 1}, int, None))["a"], Failure)  # later errors are errors again
