@@ -28,8 +28,9 @@ import numpy as np
 
 from ablate_diagnosis import changed_by, patched, row, scored, seconds_of, write
 from bayes_iwan.arrays import Array
+from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.indicators import Figures
-from bayes_iwan.diagnosis.assessment.verdict import named_by
+from bayes_iwan.diagnosis.assessment.verdict import named_by, unlisted_probability
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
@@ -192,7 +193,11 @@ def main() -> None:
             rows.append(row(f"{name} at least {least:g}", gated(cases, by_search, name, least), on, (took, took)))
     write(args.out, rows)
     found_by = [(c, c.found) for c in cases]
-    named = [(by_search[id(w.search)], n, n in c.true) for c, w in found_by for n in named_by(w.figures, w.sets)]
+    named = [
+        (by_search[id(w.search)], n, n in c.true)
+        for c, w in found_by
+        for n in named_by(w.figures, w.sets, unlisted_probability(w, calibration()))
+    ]
     for name in TRIED:
         for title, right in (("true", True), ("false", False)):
             values = [v[n][name] for v, n, true in named if true is right and n not in MODEL_FORM]

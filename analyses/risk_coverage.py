@@ -19,8 +19,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import calibrate_diagnosis as calibrate
-from bayes_iwan.diagnosis.assessment.calibration import any_of, calibration
-from bayes_iwan.diagnosis.assessment.verdict import refused
+from bayes_iwan.diagnosis.assessment.calibration import calibration
+from bayes_iwan.diagnosis.assessment.verdict import contributing, refused, unlisted_probability
 from bayes_iwan.diagnosis.constants import NAMED
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from study_cases import HALVES, Answer, Case, counts, read_cases, summed
@@ -28,8 +28,10 @@ from study_cases import HALVES, Answer, Case, counts, read_cases, summed
 
 def could_be_named(case: Case) -> list[tuple[float, bool]]:
     """Probability of every effect that nothing speaks against, and whether it is true."""
-    some = [f for f in case.found.figures if not refused(f) and f.name not in MODEL_FORM]
-    return [(any_of(case.found.sets, {f.name}), f.name in case.true) for f in some]
+    found = case.found
+    p = contributing(found.figures, found.sets, unlisted_probability(found, calibration()))
+    some = [f for f in found.figures if not refused(f) and f.name not in MODEL_FORM]
+    return [(p[f.name], f.name in case.true) for f in some]
 
 
 def curve(cases: Sequence[Case]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

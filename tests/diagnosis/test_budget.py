@@ -15,6 +15,7 @@ from bayes_iwan.diagnosis.assessment.calibration import (
 )
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.assessment.verdict import (
+    beside_unlisted,
     contributing,
     named_by,
     one_of,
@@ -199,6 +200,16 @@ def test_a_name_needs_a_probability_of_its_own_and_many_are_said_together(tied, 
         assert said == ()
     else:
         assert set(said[0].names) == set(f.alternatives) and said[0].probability == SUREST
+
+
+def test_where_an_unlisted_cause_is_likely_only_what_is_sure_is_named():
+    assert beside_unlisted(0.8, 0.0) == 0.8 and beside_unlisted(1.0, 1.0) == 1.0 and beside_unlisted(0.0, 0.5) == 0.0
+    assert beside_unlisted(0.8, 1.0) == pytest.approx(0.64)
+    sets = {frozenset({SURE.name}): 0.75, frozenset(): 0.25}
+    assert named_by([SURE], sets) == (SURE.name,) and named_by([SURE], sets, 0.9) == ()
+    assert contributing([SURE], sets, 0.9)[SURE.name] == pytest.approx(0.75 * (1.0 - 0.9 * 0.25))
+    sure = {frozenset({SURE.name}): 0.97, frozenset(): 0.03}
+    assert named_by([SURE], sure, 0.99) == (SURE.name,)
 
 
 def test_a_form_of_the_base_and_effects_that_cannot_be_told_from_it_are_said_together():

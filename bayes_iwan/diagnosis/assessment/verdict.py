@@ -54,9 +54,24 @@ def refused(f: Figures) -> str:
     return f.odd
 
 
-def named_by(given: Sequence[Figures], sets: SetProbabilities) -> tuple[str, ...]:
+def beside_unlisted(p: float, unlisted: float) -> float:
+    """The probability p of an effect among those that are listed, where with probability `unlisted` there is a cause
+    that is not: what is not sure of the effect may be due to that one as well, so p (1 − unlisted (1 − p))."""
+    return p * (1.0 - unlisted * (1.0 - p))
+
+
+def unlisted_probability(found: Weighed, c: Calibration) -> float:
+    """Probability that what the best set of all leaves has a cause of its own."""
+    best = frozenset(found.search.chosen)
+    found.models.find([best])
+    by_size = c.unknown_cause(found.models.sizes[best].all.resolved_share)
+    return unknown_cause_probability(by_size, found.figures, found.sets)
+
+
+def named_by(given: Sequence[Figures], sets: SetProbabilities, unlisted: float = 0.0) -> tuple[str, ...]:
     """Effects of the best set that probably contribute."""
-    return tuple(f.name for f in given if not refused(f) and any_of(sets, {f.name}) >= NAMED)
+    p = contributing(given, sets, unlisted)
+    return tuple(f.name for f in given if not refused(f) and p[f.name] >= NAMED)
 
 
 def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
@@ -81,11 +96,11 @@ def one_of(given: Sequence[Figures], named: Sequence[str], sets: SetProbabilitie
     return tuple(out)
 
 
-def contributing(given: Sequence[Figures], sets: SetProbabilities) -> dict[str, float]:
-    """Probability that each effect contributes; at most REFUSED where something speaks against it, or where the best
-    set lacks it."""
+def contributing(given: Sequence[Figures], sets: SetProbabilities, unlisted: float = 0.0) -> dict[str, float]:
+    """Probability that each effect contributes (:func:`beside_unlisted`); at most REFUSED where something speaks
+    against it, or where the best set lacks it."""
     free = {f.name for f in given if f.name in NO_CAUSE or not refused(f)}
-    every = {n: any_of(sets, {n}) for n in frozenset().union(*sets)}
+    every = {n: beside_unlisted(any_of(sets, {n}), unlisted) for n in frozenset().union(*sets)}
     return {n: p if n in free else min(p, REFUSED) for n, p in every.items()}
 
 
@@ -115,9 +130,10 @@ def usual_form(given: Iterable[Figures]) -> frozenset[str]:
 
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
     """Name causes, give each its share of the gap, and say whether the unexplained part needs a cause of its own."""
-    named = named_by(found.figures, found.sets)
+    unlisted = unlisted_probability(found, c)
+    named = named_by(found.figures, found.sets, unlisted)
     found.models.find(subsets(named))
-    p = contributing(found.figures, found.sets)
+    p = contributing(found.figures, found.sets, unlisted)
     probabilities = {n: p.get(n, 0.0) for n in found.search.effects if n not in NO_CAUSE}
     causes = _causes(found, named, probabilities, c, held_out)
     beside = frozenset(named) | usual_form(found.figures)
