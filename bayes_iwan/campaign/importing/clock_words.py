@@ -97,7 +97,7 @@ def _one_rate(stated: re.Match[str], of_step: str) -> float | None:
         value = float(decimal_point(number))
     except ValueError:
         return None
-    if rate and kind is _VAGUE_RATE and found["bare"] and not (rate[1] or _SAMPLES_PER_S.fullmatch(unit)):
+    if rate and found and kind is _VAGUE_RATE and found["bare"] and not (rate[1] or _SAMPLES_PER_S.fullmatch(unit)):
         return None
     if rate:
         return value * _PER_SECOND[rate[1].lower()]
