@@ -51,13 +51,14 @@ def true_values() -> dict[str, np.ndarray]:
 
 
 def known_loops(noise_N: float = 0.0, seed: int = 0, cycles: int = 8) -> tuple[Loop, ...]:
-    """Averaged loops of TESTS, 128 samples a cycle, with white noise of noise_N on every sample."""
-    motion = sine_motion(frequency_hz=[f for f, _ in TESTS], amplitude_mm=[a for _, a in TESTS])
+    """Averaged loops of TESTS, 512 samples a cycle, with white noise of 2 noise_N on every sample, so that harmonics
+    have the noise of 128 samples with noise_N each."""
+    motion = sine_motion(frequency_hz=[f for f, _ in TESTS], amplitude_mm=[a for _, a in TESTS], samples=512)
     force = Model(REFERENCE).force(true_values(), motion)[0]
     loops = []
     for k, (f, a) in enumerate(TESTS):
-        time_s = np.arange(128 * cycles) / (128 * f)
-        noise = noise_N * np.random.default_rng([seed, k]).standard_normal(time_s.size)
+        time_s = np.arange(512 * cycles) / (512 * f)
+        noise = 2.0 * noise_N * np.random.default_rng([seed, k]).standard_normal(time_s.size)
         loops.append(
             average(
                 Record(

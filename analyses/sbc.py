@@ -138,7 +138,7 @@ def one_draw(
     """Draw, generate, identify: rank of every watched quantity; settings None: from the truth."""
     whole = read_campaign(campaign)
     some = replace(whole, tests=tuple(whole.tests[i] for i in tests))
-    loops = [average(x, n_phase=SAMPLES, n_harmonics=HARMONICS) for x in some.tests]  # all harmonics, to the last
+    loops = [average(x, n_phase=SAMPLES, n_harmonics=HARMONICS) for x in some.tests]
     problem = make_problem(loops, {"likelihood": {"kind": kind}, "model": {"slip": slip, "embedded": embedded}})
     rng = np.random.default_rng([seed, index, KINDS.index(kind)])
     truth = problem.prior.draw(rng, 1)

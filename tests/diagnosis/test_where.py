@@ -24,7 +24,7 @@ from bayes_iwan.models import Model, Reference, sine_motion
 SETTINGS = DiagnoseSettings(ModelSettings(slip="gamma1", normal_force="constant", stiffness="constant"))
 TRUTH = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
 TESTS = [(f, a) for f in (5.0, 30.0) for a in (0.3, 0.6, 1.0)]
-SAMPLES, CYCLES = 64, 18
+SAMPLES, CYCLES = 192, 18
 
 
 def made_loops(added=None, seed=0, tests=TESTS, noise=0.01):
@@ -42,7 +42,7 @@ def made_loops(added=None, seed=0, tests=TESTS, noise=0.01):
         time = np.arange(force.size) / (SAMPLES * f)
         if added is not None:
             force = force + added(u, v, acceleration, f * time)
-        force = force + noise * rng.standard_normal(force.size)
+        force = force + np.sqrt(SAMPLES / 64) * noise * rng.standard_normal(force.size)
         out.append(average(Record(f"f{f:g}_a{a:g}.csv", f, a, "fit", {}, time, u, force), n_phase=64, n_harmonics=20))
     return out
 
