@@ -137,6 +137,7 @@ def one_set(f):
         ({"tests": 1, "held_out": np.nan}, "one record"),
         ({"held_out": -0.01}, "held-out tests"),
         ({"held_out": 0.0}, "held-out tests"),
+        ({"name": "force_clipping", "held_out": 0.0}, "held-out tests"),
         ({"fitted": 0.01}, "too little"),
         ({"before": 0.001, "fitted": 0.5}, "too little"),
         ({"odd": "mass of 9 t is beyond what is possible"}, "9 t"),

@@ -42,11 +42,10 @@ def refused(f: Figures) -> str:
     """Why an effect is not named, however probable: "" where nothing speaks against it."""
     if f.name in NO_CAUSE:
         return "it stands for no cause"
-    if f.name not in SHOWN_BY_RECORD:
-        if f.tests < 2:
-            return "one record tells no cause"
-        if f.has_held_out and f.held_out <= 0.0:
-            return "on held-out tests it removes nothing"
+    if f.tests < 2 and f.name not in SHOWN_BY_RECORD:
+        return "one record tells no cause"
+    if f.has_held_out and f.held_out <= 0.0:
+        return "on held-out tests it removes nothing"
     if f.fitted < least_share(f.name, f.before):
         return "it removes too little"
     if f.name in MODEL_FORM and f.gap < LEAST_GAP:
