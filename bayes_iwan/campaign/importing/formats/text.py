@@ -285,9 +285,8 @@ def _recording(
         clocks, said, first = _clocks({k: table[k] for k in used if k not in numeric}, names)
         channels, notes, began = channels | clocks, (*notes, *said), first if clocks else began
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
-    stated = [
-        x for x in above if not all(name in x for name in names)
-    ]  # what names say, is said of those that are used
+    # what names say is said of those that are used
+    stated = [x for x in above if not all(name in x for name in names)]
     return Recording(file, part, kept, notes, rate, not_applied([*stated, *beside, *_tabled(above, style)]), began)
 
 
@@ -296,9 +295,8 @@ def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
     rows = [style.cells(line) for line in above]
     for at, head in enumerate(rows):
         for row in rows[at + 1 :]:
-            yield from (
-                f"{row[0]} {x}: {y}" for x, y in zip(head[1:], row[1:]) if style.is_number(y) > style.is_number(x or y)
-            )
+            pairs = ((x, y) for x, y in zip(head[1:], row[1:]) if x and not style.is_number(x))
+            yield from (f"{row[0]} {x}: {y}" for x, y in pairs if style.is_number(y))
 
 
 def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:
