@@ -169,7 +169,7 @@ def test_the_kinds_read_as_they_should(answers):
     assert f"Gap left on held-out tests: {three}" in " ".join(text["two named"])
     assert any(s.startswith("Speed") and "The evidence is for viscous damping" in s for s in text["named, imitated"])
     fading = " ".join(text["fading or softening"])
-    assert "alone it would remove 2 % of the gap and 100 % of what changes along the records" in fading
+    assert "the best of them would remove 2 % of the gap and 100 % of what changes along the records" in fading
     assert "Unexplained: 100 % of the gap" in fading and "since nothing is named" in fading
     assert text["drive"][-1].startswith("Next: run these tests again with sines; if they were sines, check the")
     assert "cannot be found: the displacement of 1 test has corners (t0.csv)" in text["drive"][1]

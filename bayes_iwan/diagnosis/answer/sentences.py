@@ -193,8 +193,8 @@ def _one_of(d: Diagnosis) -> list[str]:
         if x.along is not None and x.along > x.share + ALONG_SAID:
             what += f" and {percent(x.along)} of what changes along the records"
         out.append(
-            f"One of {few(x.names)} probably contributes (probability {probability(x.probability)} together); alone it "
-            f"would remove {what}. These tests do not tell which, so none is named."
+            f"One of {few(x.names)} probably contributes (probability {probability(x.probability)} together); the "
+            f"best of them would remove {what}. These tests do not tell which, so none is named."
         )
     return out
 

@@ -131,8 +131,8 @@ class Cause:
 @dataclass(frozen=True)
 class OneOf:
     """Effects of which one probably contributes, though these tests cannot tell which, the likeliest first; share : of
-    the gap that one of them removes as the only effect; along : of what changes along the records, None where it does
-    not act there."""
+    the gap that the best of them removes beside what else the best set has; along : of what changes along the records,
+    None where it does not act there."""
 
     names: tuple[str, ...]
     probability: float

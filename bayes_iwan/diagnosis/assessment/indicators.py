@@ -31,8 +31,8 @@ class Figures:
     gain : nats of score over the best set with the others and without it
     alternatives : score of the best set with each other effect in its place, less the score of the best set; itself at
     0
-    fitted : share of the gap of the base that it removes last, in newtons; of the part that changes along the record
-        where it acts there and removes more of that; along : of that part, None where it does not act there
+    fitted : share of the gap of the base that it removes last, in newtons; along : of the part that changes along the
+        record, None where it does not act there
     alone : share of the gap that it removes as the only effect
     held_out : mean over held-out tests of the share of the gap that it removes there, 0 where the other tests would not
         have chosen it or what resembles it; nan where no test can be held out for it
@@ -58,6 +58,11 @@ class Figures:
     def has_held_out(self) -> bool:
         """Could any test be held out?"""
         return bool(np.isfinite(self.held_out))
+
+    @property
+    def removes(self) -> float:
+        """Share that it removes last, of the gap or of the part that changes along the record, whichever is more."""
+        return max(self.fitted, self.along or 0.0)
 
 
 def three_sets(names: Names) -> list[Names]:
@@ -89,7 +94,6 @@ def figures_of(
         if changes and effect.evolving:
             along = {k: sizes[k].along.rms_N for k in (none, less, whole)}
             share_along = float((along[less] - along[whole]) / along[none])
-            fitted = max(fitted, share_along)
         predicts = bool(held_out) and effect.strength_name in best.problem.names
         has = partial(any_alike, search.effects, name)
         out.append(

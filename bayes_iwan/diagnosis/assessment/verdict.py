@@ -46,7 +46,7 @@ def refused(f: Figures) -> str:
         return "one record tells no cause"
     if f.has_held_out and f.held_out <= 0.0:
         return "on held-out tests it removes nothing"
-    if f.fitted < least_share(f.name, f.before):
+    if f.removes < least_share(f.name, f.before):
         return "it removes too little"
     if f.name in MODEL_FORM and f.gap < LEAST_GAP:
         return "every specimen differs as much from the model"
@@ -79,19 +79,21 @@ def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
     return tuple(sorted(there, key=lambda n: -there[n]))
 
 
-def one_of(given: Sequence[Figures], named: Sequence[str], sets: SetProbabilities, c: Calibration) -> tuple[OneOf, ...]:
+def one_of(
+    given: Sequence[Figures], named: Sequence[str], sets: SetProbabilities, c: Calibration, unlisted: float = 0.0
+) -> tuple[OneOf, ...]:
     """Places that some cause probably fills, one of the catalogue's effects or of the base's form, though none is
-    likely enough to be named."""
+    likely enough to be named (:func:`beside_unlisted`)."""
     out: list[OneOf] = []
     for f in given:
         some = candidates_of(f, c)
-        if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
+        if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or f.removes < least_share(f.name, f.before):
             continue
         if any({*some} == {*x.names} for x in out):
             continue
-        p = any_of(sets, some)
+        p = beside_unlisted(any_of(sets, some), unlisted)
         if len(some) > 1 and p >= NAMED and not (f.has_held_out and f.held_out <= 0.0):
-            out.append(OneOf(some, p, f.alone, f.along))
+            out.append(OneOf(some, p, f.fitted, f.along))
     return tuple(out)
 
 
@@ -109,7 +111,7 @@ def unknown_cause_probability(by_size: float, given: Iterable[Figures], sets: Se
     much as a named cause must."""
     none = 1.0 - by_size
     for f in given:
-        if f.name in NO_CAUSE and f.fitted >= least_share(f.name, f.before):
+        if f.name in NO_CAUSE and f.removes >= least_share(f.name, f.before):
             none *= 1.0 - any_of(sets, {f.name})
     return min(1.0 - none, SUREST)
 
@@ -117,7 +119,7 @@ def unknown_cause_probability(by_size: float, given: Iterable[Figures], sets: Se
 def resembled(given: Iterable[Figures]) -> Figures | None:
     """The pattern without a cause that fits best; none that removes too little, or nothing on held-out tests."""
     some = [f for f in given if f.name in NO_CAUSE and not f.held_out <= 0.0]
-    some = [f for f in some if f.fitted >= least_share(f.name, f.before)]
+    some = [f for f in some if f.removes >= least_share(f.name, f.before)]
     return max(some, key=lambda f: f.gain, default=None)
 
 
@@ -149,7 +151,7 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         none = probabilities["none"]
         sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
         return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
-    some = one_of(found.figures, named, found.sets, c) if flagged else ()
+    some = one_of(found.figures, named, found.sets, c, unlisted) if flagged else ()
     left, before = (found.models.sizes[k].all.rms_N for k in (frozenset(named), frozenset[str]()))
     alone = suspects(found, named, c) if flagged and not some and left > SUSPECT * before else ()
     return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)
