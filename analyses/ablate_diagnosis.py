@@ -79,20 +79,15 @@ def of_best_set(f: Figures, search: Search, sizes: Sizes, held_out: Sequence[Hel
     return replace(f, held_out=float(np.mean(shares)))
 
 
-def of_whole_gap(f: Figures, search: Search, sizes: Sizes, held_out: Sequence[HeldOut]) -> Figures:
-    """An effect is asked for its share of the whole gap, also where it acts along the record."""
-    gap_N, names = {k: s.all.rms_N for k, s in sizes.items()}, Names(search.chosen)
-    return replace(f, fitted=(gap_N[names - {f.name}] - gap_N[names]) / gap_N[Names()])
-
-
 def switched_off() -> dict[str, list[Patch]]:
     """What is patched for each rule."""
     out: dict[str, list[Patch]] = {
         "rule: places where one of several contributes": [(verdict, "one_of", lambda *given: ())],
         "rule: a specimen's usual form is not unexplained": [(verdict, "usual_form", lambda given: Names())],
         "rule: patterns without a cause make it unknown": [(verdict, "NO_CAUSE", Names())],
+        "rule: what is not sure may be an unlisted cause's": [(verdict, "beside_unlisted", lambda p, unlisted: p)],
         "rule: what a record shows by itself": [(verdict, "SHOWN_BY_RECORD", Names())],
-        "rule: share of what changes along the record": [changed_by(of_whole_gap)],
+        "rule: share of what changes along the record": [changed_by(lambda f, *given: replace(f, along=None))],
         "rule: what could be in its place is tied": [changed_by(lambda f, *given: replace(f, alternatives={}))],
         "rule: plausible where it misses least in newtons": [changed_by(plausible_in_evidence)],
         "held out: sets that the other tests chose": [changed_by(of_best_set)],
