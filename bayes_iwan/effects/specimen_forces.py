@@ -48,7 +48,7 @@ class ViscousDamping(_AddedForce):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         what = "speed from which the power holds, below it the force is proportional to the speed"
         return {
-            "exponent": form("p", "power of the speed", lognormal(1.0, 0.25), 0.3, 1.65),
+            "exponent": form("p", "power of the speed", lognormal(0.8, 0.4), 0.2, 1.65),
             "thinning_m_s": ExtraParameter("v₁", "m/s", what, lognormal(0.1 * self.scales.speed_m_s, 1.5), scan=False),
             "one_way": form("s", "difference of rising and falling u over their sum", about(0.0, 0.25), -1.0, 1.0),
         }
