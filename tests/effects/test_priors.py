@@ -15,8 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayes_iwan.diagnosis.constants import LARGEST_SCORE
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.paper_stages import EFFECTS as PAPER
+from bayes_iwan.effects.specimen_forces import ViscousDamping
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.models import Model, sine_motion
 from bayes_iwan.models.simulator import recorded_force
@@ -101,6 +103,14 @@ def test_similar_specimens_have_similar_loops(kind, kit):
         at = sine_motion(frequency_hz=[20.0 / time, 8.0 / time], amplitude_mm=[0.9 * length, 0.3 * length])
         loops.append(recorded_force(model, (effect,), values, replace(at, cycle=np.full(2, 5.0))) / force)
     np.testing.assert_allclose(loops[1], loops[0], atol=1e-5)
+
+
+@pytest.mark.parametrize("power", [0.3, 1.0, 1.6])
+def test_a_damper_may_have_any_power_that_dampers_are_built_with(power):
+    """0.3 to 1.95 (Lee & Taylor, Struct. Des. Tall Build. 10 (2001) 311), below 2, where another mechanism begins. What
+    lies beyond LARGEST_SCORE is refused a name."""
+    (exponent,) = (p for p in ViscousDamping(SCALES, ()).parameters if p.name.endswith("exponent"))
+    assert abs(exponent.score(np.array([power]))[0]) < LARGEST_SCORE - 1.0
 
 
 #: what does not follow all of a specimen's scales
