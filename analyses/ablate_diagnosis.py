@@ -108,7 +108,7 @@ def switched_off() -> dict[str, list[Patch]]:
         out[f"apart {nats:g}"] = [(calibrate, "calibration", lambda tied=tied: tied)]
     for where, name, values in (
         (calibration, "COARSENED", (1e9, 1.0, 0.5, 0.2)),
-        (verdict, "NAMED", (0.5, 0.8)),
+        (verdict, "PROBABLE", (0.65, 0.8)),
         (verdict, "REFUSED", (0.0, 1.0)),
         (calibration, "SUREST", (0.999,)),
         (budget, "LEAST_SHARE", (0.0,)),

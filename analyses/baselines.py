@@ -31,7 +31,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import average
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
 from bayes_iwan.diagnosis.assessment.calibration import calibration
-from bayes_iwan.diagnosis.constants import NAMED, USUAL_GAP
+from bayes_iwan.diagnosis.constants import PROBABLE, USUAL_GAP
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.residuals import MAINS, MEAN, Residual, residual_of
@@ -170,7 +170,7 @@ def spoken(name: str, coefficient: float) -> str:
     return BY_SIGN[name][int(coefficient < 0.0)] if name in BY_SIGN else name
 
 
-METHODS = {"spike and slab": (spike_and_slab, NAMED), "discrepancy regression": (discrepancy_regression, 0.5)}
+METHODS = {"spike and slab": (spike_and_slab, PROBABLE), "discrepancy regression": (discrepancy_regression, PROBABLE)}
 
 
 def answered(shared: None, path: str) -> dict[str, Any]:

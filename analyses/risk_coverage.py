@@ -21,7 +21,7 @@ import numpy as np
 import calibrate_diagnosis as calibrate
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.verdict import contributing, refused, unlisted_probability
-from bayes_iwan.diagnosis.constants import NAMED
+from bayes_iwan.diagnosis.constants import PROBABLE
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from study_cases import HALVES, Answer, Case, counts, read_cases, summed
 
@@ -68,14 +68,14 @@ def main() -> None:
         false, of = summed([counts(c, a) for c, a in zip(cases, answers) if c.kind == kind])["false names, all cases"]
         print(f"  {kind:24s} {false:.0f} of {of:.0f}")
     p, coverage, risk = curve(cases)
-    for at in (0.9, 0.8, NAMED, 0.5, 0.3):
+    for at in (0.9, 0.8, 0.65, PROBABLE, 0.3):
         n = int(np.sum(p >= at))
         named, false = 100 * coverage[n - 1], 100 * risk[n - 1]
         print(f"named from {at:.2f}: {named:.0f} % of true effects, {false:.0f} % of {n} names false")
     figure, ax = plt.subplots(figsize=(5.2, 3.4), layout="constrained")
     ax.step(100 * coverage, 100 * risk, where="post")
-    n = int(np.sum(p >= NAMED))
-    ax.plot(100 * coverage[n - 1], 100 * risk[n - 1], "o", label=f"named from {NAMED:g}, as shipped")
+    n = int(np.sum(p >= PROBABLE))
+    ax.plot(100 * coverage[n - 1], 100 * risk[n - 1], "o", label=f"named from {PROBABLE:g}, as shipped")
     ax.set(xlabel="visible true effects that are named (%)", ylabel="names that are false (%)", ylim=(0, None))
     ax.legend()
     figure.savefig(args.out, metadata={"Date": None} if args.out.suffix == ".svg" else None)

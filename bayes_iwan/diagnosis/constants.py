@@ -59,9 +59,8 @@ CLOCK_SPREAD: Final = 1.15
 
 # ---- the verdict (assessment/verdict.py)
 
-#: probability from which an effect is named: a false name costs more than a cause not named. Of pairs of it and
-#: COARSENED that name no more falsely than the rules of before did, one of those that name most (analyses/ablation.md)
-NAMED: Final = 0.65
+#: what is said to be so is more probable than not: a named effect, a cause of what is left, that nothing is needed
+PROBABLE: Final = 0.5
 #: probability, at most, of what something speaks against; 0.1 and 0.5 change nothing that was measured
 #: (analyses/ablation.md)
 REFUSED: Final = 0.25

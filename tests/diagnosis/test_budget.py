@@ -194,7 +194,7 @@ OTHERS = ("viscous_damping", "end_stop", "free_play", "force_lowpass")
 def test_a_name_needs_a_probability_of_its_own_and_many_are_said_together(tied, named):
     """With so many tied other effects in its place an effect has 1/(1 + tied) of the place's probability."""
     some = (SURE.name, *OTHERS[:tied])
-    f, sets = replace(SURE, alternatives=dict.fromkeys(some, 0.0)), {frozenset({n}): 1.0 / len(some) for n in some}
+    f, sets = replace(SURE, alternatives=dict.fromkeys(some, 0.0)), {frozenset({n}): 0.999 / len(some) for n in some}
     assert named_by([f], sets) == ((SURE.name,) if named else ())
     said = one_of([f], named_by([f], sets), sets, calibration())
     if named:
@@ -203,12 +203,18 @@ def test_a_name_needs_a_probability_of_its_own_and_many_are_said_together(tied, 
         assert set(said[0].names) == set(f.alternatives) and said[0].probability == SUREST
 
 
+@pytest.mark.parametrize(("p", "named"), [(0.51, True), (0.49, False)])
+def test_what_is_more_probable_than_not_is_named(p, named):
+    sets = {frozenset({SURE.name}): p, frozenset(): 1.0 - p}
+    assert named_by([SURE], sets) == ((SURE.name,) if named else ())
+
+
 def test_where_an_unlisted_cause_is_likely_only_what_is_sure_is_named():
     assert beside_unlisted(0.8, 0.0) == 0.8 and beside_unlisted(1.0, 1.0) == 1.0 and beside_unlisted(0.0, 0.5) == 0.0
     assert beside_unlisted(0.8, 1.0) == pytest.approx(0.64)
-    sets = {frozenset({SURE.name}): 0.75, frozenset(): 0.25}
+    sets = {frozenset({SURE.name}): 0.6, frozenset(): 0.4}
     assert named_by([SURE], sets) == (SURE.name,) and named_by([SURE], sets, 0.9) == ()
-    assert contributing([SURE], sets, 0.9)[SURE.name] == pytest.approx(0.75 * (1.0 - 0.9 * 0.25))
+    assert contributing([SURE], sets, 0.9)[SURE.name] == pytest.approx(0.6 * (1.0 - 0.9 * 0.4))
     sure = {frozenset({SURE.name}): 0.97, frozenset(): 0.03}
     assert named_by([SURE], sure, 0.99) == (SURE.name,)
 

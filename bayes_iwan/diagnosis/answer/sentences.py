@@ -21,12 +21,12 @@ from bayes_iwan.diagnosis.answer.wording import (
 )
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
 from bayes_iwan.diagnosis.assessment.verdict import refused
-from bayes_iwan.diagnosis.constants import LEAST_GAP
+from bayes_iwan.diagnosis.constants import LEAST_GAP, PROBABLE
 from bayes_iwan.diagnosis.fits.gap_size import Gap
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
 
-#: probability above which an effect that is not named is listed, and above which the text must name it
-LISTED, MUST_NAME = 0.02, 0.5
+#: probability above which an effect that is not named is listed
+LISTED = 0.02
 #: by so much the share of what changes along the record must be larger than that of the gap to be said beside it
 ALONG_SAID = 0.1
 #: power of a line at half a test's frequency over its background from which it is said
@@ -50,21 +50,18 @@ def sentences(d: Diagnosis) -> list[str]:
     """The answer: size of the gap, its causes with number, share and remedy, ties, what is unexplained, what these
     tests cannot tell, and the next test."""
     out = [_size(d), *_clipped(d), *_kind(d), *(_cause(c, d) for c in d.verdict.causes), *_one_of(d)]
-    out += [*_probable(d, " ".join(out)), *_suspects(d), *_imitations(d), _unexplained(d), *_resembles(d)]
+    out += [*_suspects(d), *_imitations(d), _unexplained(d), *_resembles(d)]
     out += [*_edges(d), *_no_clock(d), *_not_tested(d), *_not_converged(d), next_sentence(d)]
     return out
 
 
 def colour(d: Diagnosis) -> str:
     """Of the answer's box: "good" only where nothing below it warns."""
-    kind = d.verdict.kind
-    if kind in (Kind.UNKNOWN, Kind.PARTLY, Kind.DRIVE) or d.clipped or (d.sampling and not d.sampling.converged):
+    if d.verdict.kind is not Kind.NONE or d.clipped:
         return "warning"
-    contradicted = kind is Kind.NONE and d.verdict.probabilities["none"] < MUST_NAME
-    untested = kind is not Kind.NONE and not parted(d.data)
-    tied = any(x.said for x in d.imitations) or any(c.tied_with for c in d.verdict.causes)
+    contradicted, tied = d.verdict.probabilities["none"] < PROBABLE, any(x.said for x in d.imitations)
     hidden = _half_frequency(d) or d.edges or not d.campaign.clock
-    return "note" if contradicted or untested or tied or hidden else "good"
+    return "note" if contradicted or tied or hidden else "good"
 
 
 def _size(d: Diagnosis) -> str:
@@ -122,7 +119,7 @@ def _kind(d: Diagnosis) -> list[str]:
     if v.causes:
         return out
     none, others = v.probabilities["none"], not_excluded(d)
-    if v.kind is Kind.NONE and none >= MUST_NAME:
+    if v.kind is Kind.NONE and none >= PROBABLE:
         tail = f" {capital(few(others, 'and'))} cannot be excluded." if others else ""
         return [*out, f"No effect outside the model is needed (probability {probability(none)}).{tail}"]
     if v.kind is Kind.NONE:
@@ -197,17 +194,6 @@ def _one_of(d: Diagnosis) -> list[str]:
             f"best of them would remove {what}. These tests do not tell which, so none is named."
         )
     return out
-
-
-def _probable(d: Diagnosis, text: str) -> list[str]:
-    """Effects that are more probable than not, yet neither named nor said so far."""
-    left = [
-        n for n in not_excluded(d) if d.verdict.probabilities[n] >= MUST_NAME and title(n).lower() not in text.lower()
-    ]
-    if not left:
-        return []
-    some = ", ".join(f"{title(n)} ({probability(d.verdict.probabilities[n])})" for n in left)
-    return [f"More probable than not, though not enough to be named: {some}."]
 
 
 def _suspects(d: Diagnosis) -> list[str]:
@@ -342,7 +328,7 @@ def next_sentence(d: Diagnosis) -> str:
     following = d.next_test
     if following is None and d.verdict.kind is not Kind.NONE and not parted(d.data):
         return "Next: record other amplitudes" + (" and frequencies." if d.campaign.clock else ".")
-    if following is None and d.verdict.kind is Kind.NONE and d.verdict.probabilities["none"] >= MUST_NAME:
+    if following is None and d.verdict.kind is Kind.NONE and d.verdict.probabilities["none"] >= PROBABLE:
         return "Next: no further test is needed."
     if following is None and not d.verdict.causes and not d.verdict.one_of:
         return "Next: no known effect is left for a test to separate; where the gap sits leads to its cause."

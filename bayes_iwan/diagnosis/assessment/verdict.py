@@ -25,7 +25,7 @@ from bayes_iwan.diagnosis.assessment.calibration import Calibration, SetProbabil
 from bayes_iwan.diagnosis.assessment.indicators import Figures, three_sets
 from bayes_iwan.diagnosis.constants import (
     LEAST_GAP,
-    NAMED,
+    PROBABLE,
     REFUSED,
     SHOWN_BY_RECORD,
     SUREST,
@@ -70,7 +70,7 @@ def unlisted_probability(found: Weighed, c: Calibration) -> float:
 def named_by(given: Sequence[Figures], sets: SetProbabilities, unlisted: float = 0.0) -> tuple[str, ...]:
     """Effects of the best set that probably contribute."""
     p = contributing(given, sets, unlisted)
-    return tuple(f.name for f in given if not refused(f) and p.get(f.name, 0.0) >= NAMED)
+    return tuple(f.name for f in given if not refused(f) and p.get(f.name, 0.0) >= PROBABLE)
 
 
 def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
@@ -92,7 +92,7 @@ def one_of(
         if any({*some} == {*x.names} for x in out):
             continue
         p = beside_unlisted(any_of(sets, some), unlisted)
-        if len(some) > 1 and p >= NAMED and not (f.has_held_out and f.held_out <= 0.0):
+        if len(some) > 1 and p >= PROBABLE and not (f.has_held_out and f.held_out <= 0.0):
             out.append(OneOf(some, p, f.fitted, f.along))
     return tuple(out)
 
@@ -143,7 +143,7 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     unknown = unknown_cause_probability(by_size, found.figures, found.sets)
     likeliest = max(probabilities.values(), default=0.0)
     probabilities |= {"none": (1.0 - likeliest) * (1.0 - unknown), "unknown": unknown}
-    flagged = unknown >= 0.5
+    flagged = unknown >= PROBABLE
     kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
     loops = found.search.data.loops
     cornered, theirs = tuple(x.file for x in loops if x.corners_gap), max(x.corners_gap for x in loops)

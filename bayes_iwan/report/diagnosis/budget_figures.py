@@ -12,7 +12,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.answer.result import Moved
 from bayes_iwan.diagnosis.answer.wording import title
 from bayes_iwan.diagnosis.assessment.budget import GapBudget, OneOf
-from bayes_iwan.diagnosis.constants import NAMED
+from bayes_iwan.diagnosis.constants import PROBABLE
 from bayes_iwan.report.diagnosis.gap_figures import panel_a_test
 from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, blank, narrow, one_panel, styled
 
@@ -164,8 +164,8 @@ def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str
     ax.set_yticks(y, [always.get(name, title(name)) for name, _ in keep])
     ax.set_xlim(0.0, 1.08)
     ax.set_xticks(np.linspace(0, 1, 6))
-    ax.axvline(NAMED, color=BLACK, linewidth=0.6, linestyle=(0, (4, 2)))
-    ax.set_xlabel(f"probability (named from {NAMED:g} on)")
+    ax.axvline(PROBABLE, color=BLACK, linewidth=0.6, linestyle=(0, (4, 2)))
+    ax.set_xlabel(f"probability (named from {PROBABLE:g} on)")
     ax.grid(axis="y", visible=False)
     return figure
 
