@@ -8,7 +8,7 @@ import scipy.io
 
 from bayes_iwan.campaign import CampaignError, read_campaign
 from bayes_iwan.campaign.importing.clock_words import stated_rate
-from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.recording.unapplied import not_applied
 from bayes_iwan.campaign.importing.importer import import_tests, write_tests
 from bayes_iwan.campaign.importing.questions import ImportAsks
 

@@ -14,6 +14,7 @@ from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.scaling import SAME_RATE, SINGLE_S
 from bayes_iwan.campaign.importing.unit_texts import ROLES, converted, is_ratio, is_volts, may_be, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.unapplied import NOT_MEASURED
 from bayes_iwan.errors import nearest
 
 NO_TIME = "none"  # as the name of a time channel: there is none, the rate counts
@@ -22,13 +23,6 @@ TRANSDUCER = {"force": "9.55 mV/N", "displacement": "2 V/mm", "acceleration": "1
 _WHICH = "Which is the time: {}? If each is of one channel, put it before that channel."
 RISING = 0.9  # of the steps of a time channel go up
 LATE = 0.5  # of a record by which one of two clocks may be late and still be its channel's own
-#: what has the unit of a motion or a force and is no measurement of it: never taken unless it is named
-_NOT_MEASURED = re.compile(
-    r"(?<![^\W_])(error|err|fehler|abweichung|deviation|écart|command|cmd|commanded|setpoint|set[ _-]point|soll|"
-    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse|normal|"
-    r"normalkraft|preload|abs|rms|peak|max|min|maximum|minimum|envelope|limit)(?![^\W\d_])",
-    re.IGNORECASE,
-)
 
 
 @dataclass(frozen=True)
@@ -218,7 +212,7 @@ def _rises(values: np.ndarray) -> bool:
 
 def _candidates(channels: list[Channel], role: str, recipe: Recipe) -> list[Channel]:
     """Channels whose unit is the role's; where none is, those whose name says so and whose unit says nothing else."""
-    channels = [c for c in channels if not _NOT_MEASURED.search(c.name)]
+    channels = [c for c in channels if not NOT_MEASURED.search(c.name)]
     by_unit = [c for c in channels if role_of(c.unit) == role and not _other_by_name(c, role)]
     said = role in recipe.units or role in recipe.sensitivities
     by_name = [

@@ -4,8 +4,7 @@ import math
 import re
 from collections.abc import Iterable
 
-from bayes_iwan.campaign.importing.recordings import RATES_HZ
-from bayes_iwan.campaign.importing.unit_texts import decimal_point
+from bayes_iwan.campaign.importing.recordings import RATES_HZ, only_rate
 
 _SAMPLING = r"(?:sampl\w*|scan(?:ning)?|data|daq|adc|acq\w*\.?|storage|record(?:ing)?|log(?:ging)?|abtast|mess)"
 #: the same behind the noun, in languages that put it there
@@ -48,7 +47,7 @@ _RATE, _VAGUE_RATE, _STEP = (
 #: where a statement begins in a line; its label, its number and what stands behind; the unit there
 _BEGINS = re.compile(r"^|[;\t|]|,(?=\s*[^\s\d])")
 _NUMBER = re.compile(r"(.{0,80}?)(?<![\w/\[({.-])(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)(.{0,400})", re.IGNORECASE)
-_MORE = re.compile(rf"(?:[\s;|'’]+\d[\d.,]*\s*{_UNIT}?(?=[\s;|'’]|$))*", re.IGNORECASE)
+_MORE = re.compile(rf"(?:[\s;|'’]+\d[\d.,]*(?:e[+-]?\d+)?\s*{_UNIT}?(?=[\s;|'’]|$))*", re.IGNORECASE)
 _BEHIND = re.compile(rf"[\"\s;,\[(]*{_UNIT}(?![\w/])|\s*(?P<other>[^\W\d_]+|[°%])", re.IGNORECASE)
 #: the unit of a step in a line of its own; and that not all samples of a stated rate were kept
 _STEP_UNIT = re.compile(
@@ -65,22 +64,40 @@ _DURATION = re.compile(r"\W*(sampl\w*|scan|abtast)[ _-]*(time|zeit)", re.IGNOREC
 
 
 def stated_rate(lines: Iterable[str]) -> float | None:
-    """Samples a second that lines ("Sample interval: 2 ms", "fs = 500") state; None for none, or several.
+    """The one rate that lines state; None for none, or several."""
+    return only_rate(stated_rates(lines))
 
-    None too where not all samples were kept, and for a step of 1 or more without a unit, which is as often in ms.
+
+def stated_rates(lines: Iterable[str], decimal: str = ".") -> tuple[float, ...]:
+    """Samples a second that lines ("Sample interval: 2 ms", "fs = 500") state, NaN where some are not known.
+
+    decimal : the mark of the file's other numbers, "" where they show none. No rate is stated where not all samples
+    were kept, and by a step of 1 or more without a unit, which is as often in ms.
     """
     lines = list(lines)
     if any(map(_THINNED.search, lines)):
-        return None
+        return ()
     of_step = next((m[1] for m in map(_STEP_UNIT.match, lines) if m), "")
-    every = (_one_rate(m, of_step) for x in lines for at in _BEGINS.finditer(x) if (m := _NUMBER.match(x, at.end())))
-    found = {float(f"{x:.9g}") for x in every if x is not None}
-    return rate if len(found) == 1 and RATES_HZ[0] < (rate := found.pop()) < RATES_HZ[1] else None
+    every = (m for x in lines for at in _BEGINS.finditer(x) if (m := _NUMBER.match(x, at.end())))
+    rates = (_one_rate(m, value, of_step) for m in every for value in _values(m[2], decimal))
+    found = {float(f"{x:.9g}") for x in rates if x is not None}
+    return tuple(sorted(x for x in found if not x <= RATES_HZ[0] and not x >= RATES_HZ[1]))
 
 
-def _one_rate(stated: re.Match[str], of_step: str) -> float | None:
-    """Samples a second that a label, a number and what stands behind it state; None where they state none, NaN where
-    they state several."""
+def _values(number: str, decimal: str) -> list[float]:
+    """What a number may be: two where a mark before three digits is not the file's decimal mark and may divide
+    thousands, none where it has several marks."""
+    try:
+        value = float(number.replace(",", "."))
+    except ValueError:
+        return []
+    thousands = re.fullmatch(r"[1-9]\d{0,2}([.,])\d{3}", number)
+    return [value, 1e3 * value] if thousands and thousands[1] != decimal else [value]
+
+
+def _one_rate(stated: re.Match[str], value: float, of_step: str) -> float | None:
+    """Samples a second that a label, a number of some value and what stands behind it state; None where they state
+    none, NaN where they state several."""
     label, number, after = stated.groups()
     kind, found = next(((k, x) for k in (_RATE, _STEP, _VAGUE_RATE) if (x := k.fullmatch(label))), (None, None))
     behind = _BEHIND.match(after)
@@ -91,12 +108,8 @@ def _one_rate(stated: re.Match[str], of_step: str) -> float | None:
     ):
         return None
     more = _MORE.match(after[behind.end() if behind and behind[1] else 0 :])
-    if more and any(x != number for x in re.findall(r"(?<![\w.,])\d[\d.,]*", more[0])):
+    if more and any(x != number for x in re.findall(r"(?i)(?<![\w.,+-])\d[\d.,]*(?:e[+-]?\d+)?", more[0])):
         return math.nan  # each channel has its own, or 1 000 is meant
-    try:
-        value = float(decimal_point(number))
-    except ValueError:
-        return None
     if rate and found and kind is _VAGUE_RATE and found["bare"] and not (rate[1] or _SAMPLES_PER_S.fullmatch(unit)):
         return None
     if rate:

@@ -15,13 +15,7 @@ from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ, cycles_as_time
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import NO_TIME, Assigned, assign, matching, unit_asked
 from bayes_iwan.campaign.importing.clocks import Series, counted_on, paired, runs
-from bayes_iwan.campaign.importing.defects import (
-    coarse_steps,
-    stated_in_name,
-    without_codes,
-    without_repeats,
-    wrapped_round,
-)
+from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats, wrapped_round
 from bayes_iwan.campaign.importing.joining import joined
 from bayes_iwan.campaign.importing.names import named
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
@@ -34,6 +28,7 @@ from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record, check_time, step_warnings
 from bayes_iwan.campaign.recording.records import CampaignError, Record
+from bayes_iwan.campaign.recording.unapplied import said_of_name
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.timing.displacement_drift import without_drift
@@ -49,6 +44,7 @@ _RATE = Question(
     "There is neither a time channel (--time NAME) nor a sample rate (none where rows have no clock, as of a "
     "quasi-static test).",
 )  # fmt: skip
+_SEVERAL = "The file states {} samples a second: which is right?"
 _UNKNOWN = "The time {!r} goes up by {:.4g} a row and states no unit that is known: is it s, ms, us, min or day?"
 STEPS_S = 1e-6, 0.1  # of a time without a unit: what is shorter may be in days, what is longer in ms
 _ROWS = (
@@ -214,12 +210,14 @@ def _missing(found: Assigned, recording: Recording, recipe: Recipe) -> list[Ques
 def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None = None) -> list[Question]:
     if recipe.sample_rate_hz or recording.rate_hz:
         return []
+    several = " or ".join(f"{x:.6g}" for x in recording.rates_hz if x > 0)
+    no_rate = replace(_RATE, text=_SEVERAL.format(several)) if " " in several else _RATE
     if found is None:
         known = any(c.rate_hz or role_of(c.unit) == "time" or named(c.name, "time") for c in recording.channels)
-        return [] if known else [_RATE]
+        return [] if known else [no_rate]
     for channel, time in ((found.motion, found.motion_time), (found.force, found.force_time)):
         if time is None and channel.rate_hz is None:
-            return [_RATE]
+            return [no_rate]
         if time is not None and channel.rate_hz is None:
             steps = np.diff(time.values)
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > FEW_REPEATED * steps.size:
@@ -258,7 +256,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         raw, held = without_repeats(raw, channel.name)
         values, unit, line = scaled(replace(channel, values=raw), role, recipe, where)
         warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit))
-        warnings += stated_in_name(channel.name, (x.name for x in recording.channels))
+        warnings += said_of_name(channel.name, (x.name for x in recording.channels))
         said.append(line)
         in_units.append(unit)
         if time is found.motion_time and series and (time is not None or _alike(found.motion, found.force)):

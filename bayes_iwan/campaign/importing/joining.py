@@ -123,4 +123,4 @@ def _one(pieces: Sequence[Recording]) -> Recording:
     shared = len(begun) == len(pieces) or any(is_time(c) and c.values[0] > YEARS_S[0] for c in channels)
     if not shared and len({x.file for x in pieces}) > 1:
         warnings += ("the files do not say when they began: their times are taken for one clock",)
-    return Recording(first.file, "", tuple(channels), notes, first.rate_hz, warnings)
+    return Recording(first.file, "", tuple(channels), notes, first.rates_hz, warnings)

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
-from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.recording.unapplied import not_applied
 from bayes_iwan.campaign.importing.formats.stamps import seconds
 from bayes_iwan.campaign.importing.recordings import (
     FEWEST_SAMPLES,

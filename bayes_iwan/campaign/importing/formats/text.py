@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, rate_of_step, stated_rate
-from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, rate_of_step, stated_rates
+from bayes_iwan.campaign.recording.unapplied import not_applied
 from bayes_iwan.campaign.importing.formats.json_text import read_json
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
 from bayes_iwan.campaign.importing.formats.lvm import END_OF_HEADER, read_lvm
@@ -257,12 +257,14 @@ def _recording(
     units = units + [""] * (len(names) - len(units))
     side = [k for k in table if 0 < table[k].notna().sum() < (1 - SIDE) * len(table)]
     beside = [",".join(str(x) for x in row if x == x) for row in table[side].head(40).to_numpy()] if side else []
-    rate = stated_rate([*above, *beside])
+    whole = all(bool((table[k].dropna() % 1 == 0).all()) for k in table if pd.api.types.is_numeric_dtype(table[k]))
+    lines = [";".join(style.cells(x)) if style.separator == "," else x for x in [*above, *beside]]
+    rates = stated_rates(lines, "" if whole else style.decimal)
     labels = _labels([*above, *beside])
     for name, unit in zip(names, units):  # an oscilloscope's increment stands in the row of units
         step = _number(unit, style) if re.fullmatch(r"(?i)increment|delta_?x", name) else None
         if step is not None and 0 < step < np.inf:
-            rate = 1 / step
+            rates = (1 / step,)
     starts = _numbers_of(labelled(above, style, len(names), STARTS), style)
     steps = _numbers_of(labelled(above, style, len(names), STEPS), style)
     used = [k for k in table if k not in side and table[k].notna().any() and units[k].lower() != "sequence"]
@@ -287,7 +289,7 @@ def _recording(
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
     # what names say is said of those that are used
     stated = [x for x in above if not all(name in x for name in names)]
-    return Recording(file, part, kept, notes, rate, not_applied([*stated, *beside, *_tabled(above, style)]), began)
+    return Recording(file, part, kept, notes, rates, not_applied([*stated, *beside, *_tabled(above, style)]), began)
 
 
 def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
