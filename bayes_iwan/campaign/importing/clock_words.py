@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from bayes_iwan.campaign.importing.recordings import RATES_HZ, only_rate
 
-_SAMPLING = r"(?:sampl\w*|scan(?:ning)?|data|daq|adc|acq\w*\.?|storage|record(?:ing)?|log(?:ging)?|abtast|mess)"
+_SAMPLING = r"(?:sampl\w*|scan(?:ning)?|data|daq|adc|acq\w*\.?|storage|record(?:ing)?|log(?:ging)?|output|abtast|mess)"
 #: the same behind the noun, in languages that put it there
 _OF_SAMPLING = (
     r"[ -](?:d[ei] |d['’]|по )?(?:[ée]chantillonnage|acquisition|campionamento|acquisizione|muestreo|adquisici[óo]n|"
@@ -14,7 +14,8 @@ _OF_SAMPLING = (
 )
 _PER_S = r"(?:s|sa|sam\w*|scans?|points?|readings?|rows?|values?)[ _]?(?:/|per) ?(?:channel per )?s(?:ec(?:ond)?s?)?"
 _RATES = (
-    rf"(?:{_SAMPLING}[ _-]*){{1,3}}(?:rate|fre[qk]\w*\.?)|(?:fr[ée]q\w*|frec\w*|tasa|taux|частота)\.?{_OF_SAMPLING}|"
+    rf"(?:{_SAMPLING}[ _-]*){{1,3}}(?:rate|fre[qk]\w*\.?)(?:[ _-]per[ _-]ch\w*)?|"
+    rf"(?:fr[ée]q\w*|frec\w*|tasa|taux|частота)\.?{_OF_SAMPLING}|"
     rf"(?:采样|サンプリング)(?:率|频率|周波数|レート)|f_?s(?:ample)?|srate|(?:(?:number|no\.?) of )?{_PER_S}"
 )
 #: what counts beside a unit of rates alone; a bare rate in Hz is as often the drive's
@@ -54,8 +55,8 @@ _STEP_UNIT = re.compile(
     r"\W*(?:x|h|t|time|zeit|horizontal|abscissa)[ _-]*(?:axis[ _-]*)?(?:units?|einheit)\W+([a-zµμ]+)", re.IGNORECASE
 )
 _THINNED = re.compile(
-    r"\b(?:decimat\w*|reduc\w*|down[ _-]?sampl\w*|averag(?:ing|es))\W*(?:(?:factor|ratio|by)\W*)*(?!1\b)\d|"
-    r"\bevery \d+ ?(?:st|nd|rd|th|samples|points|scans|rows|values)\b",
+    r"\b(?:decimat\w*|reduc\w*|(?:down|over)[ _-]?sampl\w*|averag\w*)\W*(?:(?:factor|ratio|by)\W*)*(?!1\b)\d+(?![.,\w])"
+    r"|\bevery \d+ ?(?:st|nd|rd|th|samples|points|scans|rows|values)\b",
     re.IGNORECASE,
 )
 _SAMPLES_PER_S = re.compile(rf"[kmg]?(?:{_PER_S})", re.IGNORECASE)

@@ -10,9 +10,10 @@ from bayes_iwan.campaign.importing.unit_texts import converted, decimal_point
 from bayes_iwan.campaign.loops.checks import check_epoch, on_grid_of_rate
 from bayes_iwan.campaign.recording.records import CampaignError
 
-#: of the years 1982 to 2053, by Excel, by MATLAB and by astronomers (Julian days)
+#: of the years 1982 to 2064, by Excel, by MATLAB and by astronomers (Julian days)
 DAY_NUMBERS = (30_000.0, 60_000.0), (715_000.0, 750_000.0), (2_445_000.0, 2_471_000.0)
-YEARS_S = 3.8e8, 2.6e9  # the same years, in seconds since 1970
+#: of 1992 to 2052, in seconds since 1970; the ticks of .NET, of 100 ns since the year 1, are ns of 1990 today
+YEARS_S = 7e8, 2.6e9
 SINCE_1970 = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SINGLE_S = {"s": 1.0, **SINCE_1970, "min": 60.0, "hour": 3600.0, "day": 86_400.0}
 FEW_REPEATED = 0.02  # of the times: more of them are rounded

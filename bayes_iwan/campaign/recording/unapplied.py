@@ -9,7 +9,7 @@ from bayes_iwan.campaign.recording.records import shown
 NOT_MEASURED = re.compile(
     r"\|.+\||(?<![^\W_])(error|err|fehler|abweichung|deviation|écart|command|cmd|commanded|setpoint|set[ _-]point|soll|"
     r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse|normal|normalkraft|preload|"
-    r"abs|betrag|magnitude|rectified|rms|peak|max|min|maximum|minimum|envelope|limit)(?![^\W\d_])",
+    r"abs|betrag|magnitude|rectified|rms|peak|p-?p|max|min|maximum|minimum|envelope|limit)(?![^\W\d_])",
     re.IGNORECASE,
 )
 #: words of what a file may state of a single channel: when it starts, what it is multiplied by
@@ -25,33 +25,35 @@ _FACTOR = re.compile(
     r"\W*[=:,;\t] *[\d.]+(e[+-]?\d+)? *([^\W\d]\S*)?$",
     re.IGNORECASE,
 )
+#: a filter, by the parts that its words share in many languages
+_FILTER = re.compile(r"filt|smooth|glätt|liss|[a-z][ -]?pass(?!i)|фильтр|滤波|フィルタ", re.IGNORECASE)
 _NUMBERS = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
-#: a number within a channel's name that is a factor, an offset, a delay or a filter's: 1000*Force, Force x 1e3, gain 10,
-#: 4 ms late, 100 Hz; and a filter without one, by the parts that its words share in many languages
+#: within a channel's name a number of a factor, an offset, a delay or a filter (1000*Force, Force x 1e3, gain 10, 4 ms
+#: late, 100 Hz), and a filter's or mean's word
 _N = r"\d+(?:[.,]\d+)?(?:e[+-]?\d+|\^\d+)?"
 _IN_NAME = re.compile(
     rf"(?<![\d\s])\s*[*×·/=] ?({_N})\)?(?!\w)|[^\W_][\s_(]+[x×] ?({_N})(?![^\W_])|"
     rf"(?<![^\W_])({_N}) ?(?:[*×·]|x(?![^\W_]))|[+] ?({_N})|"
-    rf"(?<![^\W_])(?:[hlt]p ?)?({_N}) ?(?:[mµu]?s|sec|samples?|k?hz)(?![^\W_])|^(\d+/\d+)(?=[ *])|"
+    rf"(?<![^\W_])(?:[hlt]p ?)?({_N})[ _]?(?:[mµu]?s|sec|samples?|k?hz)(?![^\W_])|^(\d+/\d+)(?=[ *])|"
     r"(?<![^\W_])(?:gain|factor|faktor|scal\w*|amp\w*|mul\w*|times|mal|by|verst\w*|cal\w*|offset|tare|delay\w*|lag\w*|"
     rf"[hlt]p)[\W_]*({_N})|"
-    r"(filt|smooth|glätt|liss|[a-z][ -]?pass(?!i)|(?<![^\W_])(?:moving|running|mean|avg|averaged?|mittel)(?![^\W_])|"
-    r"фильтр|滤波|フィルタ)",
+    rf"({_FILTER.pattern}|(?<![^\W_])(?:moving|running|mean|avg|averaged?|mittel)(?![^\W_]))",
     re.IGNORECASE,
 )
 
 
 def not_applied(stated: Iterable[str]) -> tuple[str, ...]:
-    """Warnings of statements ("Force delay: 0.008 s", "Gain = 10") that would shift or scale one channel: whether they
-    are in the numbers already no file says. Starts of 0 and factors of 1 change nothing."""
+    """Warnings of statements ("Force delay: 0.008 s", "Gain = 10") that would shift, scale or filter one channel:
+    whether they are in the numbers already no file says. Starts of 0 and factors of 1 change nothing."""
     out = []
     for text in stated:
         for pattern, neutral, fix in (
-            (_START, (0.0,), "a channel that starts late needs its own time column"),
-            (_FACTOR, (0.0, 1.0), "if the numbers do not hold it yet, say so with --gain or --unit"),
+            (_START, (0.0,), "applied: a channel that starts late needs its own time column"),
+            (_FACTOR, (0.0, 1.0), "applied: if the numbers do not hold it yet, say so with --gain or --unit"),
+            (_FILTER, (0.0,), "undone: both channels need one filter, far above the drive"),
         ):
             if pattern.search(text) and any(float(x) not in neutral for x in _NUMBERS.findall(text)):
-                out.append(f"the file states {shown(' '.join(text.split()))}, which is not applied: {fix}")
+                out.append(f"the file states {shown(' '.join(text.split()))}, which is not {fix}")
                 break
     return tuple(dict.fromkeys(out))
 

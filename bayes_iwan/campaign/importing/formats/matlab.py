@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
-from bayes_iwan.campaign.recording.unapplied import not_applied
 from bayes_iwan.campaign.importing.formats.stamps import seconds
 from bayes_iwan.campaign.importing.recordings import (
     FEWEST_SAMPLES,
@@ -29,6 +28,7 @@ from bayes_iwan.campaign.importing.recordings import (
 from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.unapplied import not_applied
 
 MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
 DEEPEST = 20  # of structs and cells within each other
@@ -255,8 +255,8 @@ def _beside(numbers: Mapping[str, Said], name: str, group: str, alone: bool) -> 
         for key, x in numbers.items():
             if parent and key.rpartition(".")[0] == parent:
                 return x
-    top = name.partition(".")[0] + "."
-    return next((x for key, x in numbers.items() if alone and key.startswith(top)), None)
+    within = [f"{group}.", name.partition(".")[0] + "."] if alone else []
+    return next((x for start in within for key, x in numbers.items() if key.startswith(start)), None)
 
 
 def _leaf(name: str) -> str:

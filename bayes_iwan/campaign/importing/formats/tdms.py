@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign.importing.clock_words import stated_rates
-from bayes_iwan.campaign.recording.unapplied import not_applied
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, axis, channel, from_first, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.unapplied import not_applied
 
 CUT = (
     "the TDMS file ends before its data do (cut off, or damaged): what is there was read; copy or export it again "
@@ -29,7 +29,7 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
             f"{source.name}: {k} = {v}"
             for _, source in sources
             for k, v in source.properties.items()
-            if "Scale[" not in k and not k.startswith("wf_start")
+            if "Scale[" not in k and not k.startswith(("wf_start", "wf_increment"))
         )
         stamps = [np.array([x.properties.get("wf_start_time", "NaT")], "M8[ns]") for _, x in sources]
         arrays, began = from_first([*(source[:] for _, source in sources), *stamps])

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, rate_of_step, stated_rates
-from bayes_iwan.campaign.recording.unapplied import not_applied
 from bayes_iwan.campaign.importing.formats.json_text import read_json
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
 from bayes_iwan.campaign.importing.formats.lvm import END_OF_HEADER, read_lvm
@@ -33,6 +32,7 @@ from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Re
 from bayes_iwan.campaign.importing.unit_texts import contradict, is_unit, role_of, split_name
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.table import read_bytes
+from bayes_iwan.campaign.recording.unapplied import not_applied
 
 SAMPLE = 65536  # characters looked at from the start and from the end to find the layout
 SUMMARY = 20  # lines of words below a table at most
@@ -278,7 +278,10 @@ def _recording(
             units[k] = "" if two else units[k]
         if name.startswith("column ") and k == numeric[-1]:
             name = labels.get("source", name)
-        unit = unit.strip() or units[k] or _unit_of(name, labels, k == numeric[0], k == numeric[-1])
+        of_label = _unit_of(name, labels, k == numeric[0], k == numeric[-1])
+        unit = unit.strip() or units[k] or of_label
+        if contradict(unit, of_label):
+            name, unit = f"{names[k]}, {of_label}", ""
         heading = names[k] + (f" ({units[k]})" if units[k] else "")
         values, own = table[k].to_numpy(dtype=float), rate_of_step(steps[k], above) if k in steps else None
         channels[k] = Channel(name or f"column {k + 1}", unit, values, own, starts.get(k), heading=heading)
@@ -298,7 +301,7 @@ def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
     for at, head in enumerate(rows):
         for row in rows[at + 1 :]:
             pairs = ((x, y) for x, y in zip(head[1:], row[1:]) if x and not style.is_number(x))
-            yield from (f"{row[0]} {x}: {y}" for x, y in pairs if style.is_number(y))
+            yield from (f"{row[0]} {x}: {y}" for x, y in pairs if re.search("[1-9]", y))
 
 
 def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:
