@@ -14,8 +14,9 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ, cycles_as_time
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import NO_TIME, Assigned, assign, matching, unit_asked
-from bayes_iwan.campaign.importing.clocks import Series, counted_on, paired, runs
+from bayes_iwan.campaign.importing.clocks import Series, paired, runs
 from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats, wrapped_round
+from bayes_iwan.campaign.importing.formats.stamps import unwrapped
 from bayes_iwan.campaign.importing.joining import joined
 from bayes_iwan.campaign.importing.names import named
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
@@ -171,7 +172,7 @@ def _tests(recording: Recording, recipe: Recipe, split: bool) -> list[ImportedTe
         raise ImportAsks(recording.where, questions)
     clock, pairs = found.motion_time, ((found.motion_time, found.motion), (found.force_time, found.force))
     parts = [runs(x.values[: c.values.size]) if x is not None else [slice(None)] for x, c in pairs]
-    if clock is not None and counted_on(clock.values)[1]:
+    if clock is not None and unwrapped(clock.values)[1]:
         parts = [[slice(None)], [slice(None)]]
     if len(parts[0]) != len(parts[1]):
         raise CampaignError(

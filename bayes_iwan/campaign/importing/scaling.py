@@ -3,7 +3,7 @@
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.importing.clocks import counted_on
+from bayes_iwan.campaign.importing.formats.stamps import unwrapped
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.unit_texts import converted, decimal_point
@@ -57,7 +57,7 @@ def times_of(
         return np.arange(n) / known + (channel.start_s or 0.0), known, [f"time: {known:.9g} samples a second"], ()
     if clock.values.size != n:
         raise CampaignError(f"{where}: {clock.name!r} has {clock.values.size} samples, {channel.name!r} has {n}")
-    raw, wrapped = counted_on(clock.values)
+    raw, wrapped = unwrapped(clock.values)
     stated = recipe.units.get("time", clock.unit)
     unit = stated or moments_unit(raw) or _unit_of_rate(raw, asked or from_file)
     if unit == "day":

@@ -9,7 +9,6 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -70,7 +69,7 @@ def of_variables(file: str, found: Any, what: str, otherwise: str) -> list[Recor
     held = list(flat("", found, 0))
     arrays = [(k, v) for k, v in held if not isinstance(v, str)]
     texts = {k: v for k, v in held if isinstance(v, str)}
-    return _recordings(file, arrays, what, otherwise, texts, *_said_of(arrays, texts))
+    return _recordings(file, arrays, what, otherwise, texts)
 
 
 def read_hdf5(path: Path, file: str) -> list[Recording]:
@@ -79,7 +78,6 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
 
     arrays: list[tuple[str, np.ndarray]] = []
     objects: set[str] = set()
-    units: dict[str, str] = {}
     texts: dict[str, str] = {}
 
     def stated(name: str, item: Any) -> None:
@@ -111,8 +109,6 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
             size, zero = (item.attrs.get(k, neutral) for k, neutral in PACKED.items())
             values = item[()].T  # MATLAB writes columns first
             arrays.append((name, values if size == 1 and zero == 0 else values * size + zero))
-            unit = next((item.attrs[k] for k in ("unit", "units", "Unit", "Units") if k in item.attrs), "")
-            units[name] = _text(unit).partition(" since ")[0]  # as netCDF writes moments
             stated(name, item)
         elif item.dtype.names == ("real", "imag"):
             values = item[()].T
@@ -133,7 +129,6 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
         "MATLAB v7.3 or HDF5",
         f"it holds {held[:200]}; save numbers as vectors ({SAVE}), or save with -v7",
         texts,
-        units,
     )
 
 
@@ -164,18 +159,21 @@ def _kinds(found: dict[str, Any]) -> str:
 def _said_of(arrays: list[tuple[str, np.ndarray]], texts: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     """Units and names that a file's texts say of single arrays, as Simulink, dSPACE and Testlab write them: `label`,
     `Name`, `Unit` in the struct of one array, or anywhere in a variable that holds no other, or `units.force`."""
-    said = {k: t.strip() for k, t in texts.items() if _leaf(k) in LABELS and t.strip()}
-    of_units = {k: t for k, t in said.items() if is_unit(t)}
-    of_names = {k: t for k, t in said.items() if k not in of_units and _leaf(k) not in ("unit", "units")}
+    said = {
+        k: t.partition(" since ")[0].strip() for k, t in texts.items() if _leaf(k) in LABELS and t.strip()
+    }  # netCDF
+    of_units = {k: t for k, t in said.items() if is_unit(t) or _leaf(k) in ("unit", "units")}
+    of_names = {k: t for k, t in said.items() if k not in of_units}
     vectors = [k for k, v in arrays if np.size(v) > 1]
     apart = {_leaf(k): t.strip() for k, t in texts.items() if _leaf(k.rpartition(".")[0]) in ("unit", "units")}
     units, names = {k: apart[_leaf(k)] for k in vectors if _leaf(k) in apart}, {}
     for name in vectors:
         group, top = name.rpartition(".")[0], name.partition(".")[0]
-        if sum(k.rpartition(".")[0] == group for k in vectors) > 1 or not group:
-            continue
-        alone = sum(k.partition(".")[0] == top for k in vectors) == 1
-        units[name], names[name] = (_beside(x, name, group, alone) or "" for x in (of_units, of_names))
+        if sum(k.rpartition(".")[0] == group for k in vectors) > 1:
+            group = ""
+        alone = bool(group) and sum(k.partition(".")[0] == top for k in vectors) == 1
+        units[name] = _beside(of_units, name, group, alone) or units.get(name, "")
+        names[name] = _beside(of_names, "", group, alone) or ""
     return units, names
 
 
@@ -207,9 +205,8 @@ def _recordings(
     what: str,
     otherwise: str,
     texts: Mapping[str, str],
-    units: Mapping[str, str],
-    names: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Recording]:
+    units, names = _said_of(arrays, texts)
     plain, first = from_first([v for _, v in arrays])
     arrays = [(k, x) for (k, _), x in zip(arrays, plain)]
     channels: list[Channel | None] = []

@@ -24,6 +24,8 @@ _COMPACT = re.compile(r"^(\d{4})(\d\d)(\d\d)[ T_-](\d\d)(\d\d)(\d\d)(?!\d)")
 _SPELT = r"\1-\2-\3 \4:\5:\6"
 _DAYS = re.compile(r"^\d+ days? |^\d+\.(?=\d\d:\d\d:)")  # 0 days 00:00:01.5; that midnight passed shows anyway
 _DAY_S = 86_400.0
+#: at which counters and times of day start again
+WRAPS = (2.0**16, 6e4, 3.6e6, 8.64e7, 2.0**24, 2.0**32, 1e3, 1e6, 1e9, 60.0, 3600.0, 43_200.0, _DAY_S, 604_800.0)
 _DAY_0 = datetime.date(1970, 1, 1).toordinal()
 
 
@@ -75,7 +77,7 @@ def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[A
     return out - out[0], "; ".join(x for x in (said, note) if x), float(out[0])
 
 
-def unwrapped(values: Array, wraps: Sequence[float]) -> tuple[Array, str]:
+def unwrapped(values: Array, wraps: Sequence[float] = WRAPS) -> tuple[Array, str]:
     """A clock (n,) that starts again at one of some periods, counted on; with a word on what was done.
 
     It wraps where a step back and the period together are a usual step forward; other steps back stay as they are.
@@ -83,16 +85,15 @@ def unwrapped(values: Array, wraps: Sequence[float]) -> tuple[Array, str]:
     steps = np.diff(values)
     back = np.flatnonzero(steps < 0)
     forward = steps[steps > 0]
-    if not back.size or not forward.size:
+    if not back.size or not forward.size or not np.isfinite(values).all():
         return values, ""
     usual = float(np.median(forward))
     for wrap in wraps:
         if (np.abs(steps[back] + wrap - usual) <= 2.0 * usual).all():
             jumps = np.zeros(values.size)
             jumps[back + 1] = wrap
-            return values + np.cumsum(
-                jumps
-            ), f"the clock starts again after {wrap:.10g} {back.size} time(s): counted on"
+            said = f"the clock starts again after {wrap:.10g} {back.size} time(s): counted on"
+            return values + np.cumsum(jumps), said
     return values, ""
 
 
