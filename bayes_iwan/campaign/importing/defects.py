@@ -75,9 +75,8 @@ def without_repeats(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
     low = int(np.floor(mean))
     broken = 1.2 < mean and np.mean((length == low) | (length == low + 1)) > 0.97 and np.mean(length == low) < 0.9
     jumps = np.abs(np.diff(values[change]))
-    if jumps.size and np.ptp(jumps) <= 1e-6 * jumps.max():
-        return values, ()  # one level at a time: steps of the converter
-    if not whole and not broken:
+    one_by_one = jumps.size and np.ptp(jumps) <= 1e-6 * jumps.max()  # levels: steps of the converter
+    if one_by_one or not (whole or broken):
         return values, ()
     starts = np.concatenate([[0], change]) if not whole or change[0] == usual else change
     kept = np.zeros(values.size, dtype=bool)

@@ -217,24 +217,19 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
         known = any(c.rate_hz or role_of(c.unit) == "time" or named(c.name, "time") for c in recording.channels)
         return [] if known else [no_rate]
     for channel, time in ((found.motion, found.motion_time), (found.force, found.force_time)):
-        if time is None and channel.rate_hz is None:
+        if channel.rate_hz is not None:
+            continue
+        if time is None:
             return [no_rate]
-        if time is not None and channel.rate_hz is None:
-            steps = np.diff(time.values)
-            if (steps >= 0).all() and np.count_nonzero(steps == 0) > FEW_REPEATED * steps.size:
-                return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
-            if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
-                return [Question("--sample-rate", "", "none", _ROWS.format(time.name))]
-            if moments_unit(time.values) and not time.unit:
-                continue
-            if not recipe.units.get("time", time.unit):
-                step = float(np.median(steps))
-                if (
-                    0 < step < STEPS_S[0]
-                    or step >= STEPS_S[1]
-                    or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name)
-                ):
-                    return [Question("--unit", "time", "ms", _UNKNOWN.format(time.name, step))]
+        steps, unit = np.diff(time.values), recipe.units.get("time", time.unit)
+        if (steps >= 0).all() and np.count_nonzero(steps == 0) > FEW_REPEATED * steps.size:
+            return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
+        if (steps == 1.0).all() and unit in ("", "s", "sec", "Sec", "SEC"):
+            return [Question("--sample-rate", "", "none", _ROWS.format(time.name))]
+        step = float(np.median(steps))
+        odd = 0 < step < STEPS_S[0] or step >= STEPS_S[1] or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name)
+        if odd and not unit and not moments_unit(time.values):
+            return [Question("--unit", "time", "ms", _UNKNOWN.format(time.name, step))]
     return []
 
 

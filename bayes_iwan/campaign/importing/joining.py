@@ -54,7 +54,7 @@ def _with_times(recordings: Sequence[Recording]) -> list[Recording]:
     """Parts of a file that hold times alone, as a TDMS group does, lend them to the parts that have no clock."""
     times = [x for x in recordings if x.part and all(map(is_time, x.channels))]
     out = []
-    for x in (x for x in recordings if not any(x is y for y in times)):
+    for x in (x for x in recordings if x not in times):
         lent = [replace(c, name=f"{y.part} {c.name}", group="") for y in times if y.file == x.file for c in y.channels]
         if x.rate_hz or any(is_time(c) or c.rate_hz for c in x.channels):
             lent = []
@@ -81,8 +81,7 @@ def _by_file(recording: Recording) -> Recording:
     own = [c for c in recording.channels if not re.fullmatch(r"column \d+|Untitled( \d+)?|channel \d+", c.name)]
     if len(recording.channels) - len(own) != 1 or any(named(c.name, r) for c in own for r in WORDS if r != "time"):
         return recording
-    stem = Path(recording.file).stem
-    name = recording.part or stem
+    name = recording.part or Path(recording.file).stem
     channels = tuple(c if c in own else replace(c, name=name, heading=name) for c in recording.channels)
     return replace(recording, channels=channels)
 

@@ -163,8 +163,8 @@ def _said_of(arrays: list[tuple[str, np.ndarray]], texts: Mapping[str, str]) -> 
         k: t.partition(" since ")[0].strip() for k, t in texts.items() if _leaf(k) in LABELS and t.strip()
     }  # netCDF
     of_units = {k: t for k, t in said.items() if is_unit(t) or _leaf(k) in ("unit", "units")}
-    of_names = {k: t for k, t in said.items() if k not in of_units}
     vectors = [k for k, v in arrays if np.size(v) > 1]
+    of_names = {k: t for k, t in said.items() if k not in of_units and k.rpartition(".")[0] not in vectors}
     apart = {_leaf(k): t.strip() for k, t in texts.items() if _leaf(k.rpartition(".")[0]) in ("unit", "units")}
     units, names = {k: apart[_leaf(k)] for k in vectors if _leaf(k) in apart}, {}
     for name in vectors:
@@ -172,8 +172,8 @@ def _said_of(arrays: list[tuple[str, np.ndarray]], texts: Mapping[str, str]) -> 
         if sum(k.rpartition(".")[0] == group for k in vectors) > 1:
             group = ""
         alone = bool(group) and sum(k.partition(".")[0] == top for k in vectors) == 1
-        units[name] = _beside(of_units, name, group, alone) or units.get(name, "")
-        names[name] = _beside(of_names, "", group, alone) or ""
+        unit, names[name] = (_beside(x, name, group, alone) or "" for x in (of_units, of_names))
+        units[name] = unit or units.get(name, "")
     return units, names
 
 

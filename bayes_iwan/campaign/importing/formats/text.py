@@ -259,12 +259,10 @@ def _recording(
     beside = [",".join(str(x) for x in row if x == x) for row in table[side].head(40).to_numpy()] if side else []
     whole = all(bool((table[k].dropna() % 1 == 0).all()) for k in table if pd.api.types.is_numeric_dtype(table[k]))
     lines = [";".join(style.cells(x)) if style.separator == "," else x for x in [*above, *beside]]
-    rates = stated_rates(lines, "" if whole else style.decimal)
+    # an oscilloscope's increment stands in the row of units
+    own = [_number(x, style) for name, x in zip(names, units) if re.fullmatch(r"(?i)increment|delta_?x", name)]
+    rates = tuple(1 / x for x in own if x and x > 0) or stated_rates(lines, "" if whole else style.decimal)
     labels = _labels([*above, *beside])
-    for name, unit in zip(names, units):  # an oscilloscope's increment stands in the row of units
-        step = _number(unit, style) if re.fullmatch(r"(?i)increment|delta_?x", name) else None
-        if step is not None and 0 < step < np.inf:
-            rates = (1 / step,)
     starts = _numbers_of(labelled(above, style, len(names), STARTS), style)
     steps = _numbers_of(labelled(above, style, len(names), STEPS), style)
     used = [k for k in table if k not in side and table[k].notna().any() and units[k].lower() != "sequence"]
