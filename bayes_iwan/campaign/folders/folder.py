@@ -270,9 +270,8 @@ def _channels(stated: dict[str, Any]) -> _Channels:
             "delete one of them"
         )
     rate = None if rate is None else positive(rate, f"{where}: sample_rate_hz")
-    motion = stated.get("displacement", stated.get("acceleration"))
-    motion_units = DISPLACEMENTS if "displacement" in stated else ACCELERATIONS
-    return _Channels(stated["force"], motion, motion_units, stated.get("time"), rate, clock)
+    role, units = ("displacement", DISPLACEMENTS) if "displacement" in stated else ("acceleration", ACCELERATIONS)
+    return _Channels(stated["force"], stated[role], units, stated.get("time"), rate, clock)
 
 
 def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Test:

@@ -26,7 +26,9 @@ _FACTOR = re.compile(
     re.IGNORECASE,
 )
 #: a filter, by the parts that its words share in many languages
-_FILTER = re.compile(r"filt|smooth|glätt|liss|[a-z][ -]?pass(?!i)|фильтр|滤波|フィルタ", re.IGNORECASE)
+_FILTER = re.compile(
+    r"filt|smooth|glätt|lissé|lissage|(?:low|high|band|tief|hoch)[ -]?pass|фильтр|滤波|フィルタ", re.IGNORECASE
+)
 _NUMBERS = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 #: within a channel's name a number of a factor, an offset, a delay or a filter (1000*Force, Force x 1e3, gain 10, 4 ms
 #: late, 100 Hz), and a filter's or mean's word
@@ -37,7 +39,7 @@ _IN_NAME = re.compile(
     rf"(?<![^\W_])(?:[hlt]p ?)?({_N})[ _]?(?:[mµu]?s|sec|samples?|k?hz)(?![^\W_])|^(\d+/\d+)(?=[ *])|"
     r"(?<![^\W_])(?:gain|factor|faktor|scal\w*|amp\w*|mul\w*|times|mal|by|verst\w*|cal\w*|offset|tare|delay\w*|lag\w*|"
     rf"[hlt]p)[\W_]*({_N})|"
-    rf"({_FILTER.pattern}|(?<![^\W_])(?:moving|running|mean|avg|averaged?|mittel)(?![^\W_]))",
+    rf"({_FILTER.pattern}|mittelt|mittelwert|(?<![^\W_])(?:[hlt]p|moving|running|mean|m?avg|averaged?)(?![^\W_]))",
     re.IGNORECASE,
 )
 

@@ -260,8 +260,8 @@ def _recording(
     whole = all(bool((table[k].dropna() % 1 == 0).all()) for k in table if pd.api.types.is_numeric_dtype(table[k]))
     lines = [";".join(style.cells(x)) if style.separator == "," else x for x in [*above, *beside]]
     # an oscilloscope's increment stands in the row of units
-    own = [_number(x, style) for name, x in zip(names, units) if re.fullmatch(r"(?i)increment|delta_?x", name)]
-    rates = tuple(1 / x for x in own if x and x > 0) or stated_rates(lines, "" if whole else style.decimal)
+    increments = [_number(x, style) for name, x in zip(names, units) if re.fullmatch(r"(?i)increment|delta_?x", name)]
+    rates = tuple(1 / x for x in increments if x and x > 0) or stated_rates(lines, "" if whole else style.decimal)
     labels = _labels([*above, *beside])
     starts = _numbers_of(labelled(above, style, len(names), STARTS), style)
     steps = _numbers_of(labelled(above, style, len(names), STEPS), style)
