@@ -36,7 +36,7 @@ _N = r"\d+(?:[.,]\d+)?(?:e[+-]?\d+|\^\d+)?"
 _IN_NAME = re.compile(
     rf"(?<![\d\s])\s*[*×·/=] ?({_N})\)?(?!\w)|[^\W_][\s_(]+[x×] ?({_N})(?![^\W_])|"
     rf"(?<![^\W_])({_N}) ?(?:[*×·]|x(?![^\W_]))|[+] ?({_N})|"
-    rf"(?<![^\W_])(?:[hlt]p ?)?({_N})[ _]?(?:[mµu]?s|sec|samples?|k?hz)(?![^\W_])|^(\d+/\d+)(?=[ *])|"
+    rf"(?<![^\W_])(?:[hlt]p ?)?({_N}[ _]?(?:[mµu]?s|sec|samples?|k?hz))(?![^\W_])|^(\d+/\d+)(?=[ *])|"
     r"(?<![^\W_])(?:gain|factor|faktor|scal\w*|amp\w*|mul\w*|times|mal|by|verst\w*|cal\w*|offset|tare|delay\w*|lag\w*|"
     rf"[hlt]p)[\W_]*({_N})|"
     rf"({_FILTER.pattern}|mittelt|mittelwert|(?<![^\W_])(?:[hlt]p|moving|running|mean|m?avg|averaged?)(?![^\W_]))",
