@@ -7,10 +7,11 @@ import pytest
 import scipy.io
 
 from bayes_iwan.campaign import CampaignError, read_campaign
-from bayes_iwan.campaign.importing.clock_words import stated_rate
+from bayes_iwan.campaign.importing.clock_words import stated_rates
 from bayes_iwan.campaign.importing.importer import import_tests, write_tests
 from bayes_iwan.campaign.importing.questions import ImportAsks
 from bayes_iwan.campaign.importing.recipe import Recipe
+from bayes_iwan.campaign.importing.recordings import only_rate
 from bayes_iwan.campaign.recording.unapplied import not_applied
 
 N, RATE_HZ, FREQUENCY_HZ, LATE_S = 1000, 250.0, 5.0, 0.008
@@ -315,7 +316,14 @@ def test_a_factor_offset_delay_or_filter_in_a_channels_name_is_said(tmp_path, sa
 
 @pytest.mark.parametrize(
     "motion, force",
-    [("x2", "Force 2"), ("Disp x1", "F2"), ("LVDT 3", "Load cell 1/2"), ("Laser x2", "Force 10 kN range")],
+    [
+        ("Weg 10mm", "U9C 5kN"),
+        ("Lissajous u", "Bypass valve force"),
+        ("x2", "Force 2"),
+        ("Disp x1", "F2"),
+        ("LVDT 3", "Load cell 1/2"),
+        ("Laser x2", "Force 10 kN range"),
+    ],
 )
 def test_axes_and_numbers_in_names_are_no_factors(tmp_path, motion, force):
     other = motion[:-1] + "9"  # a kin, which makes of x2 an axis
@@ -364,7 +372,7 @@ RATES = (
 
 @pytest.mark.parametrize("line", RATES)
 def test_a_rate_is_read_by_its_label_number_and_unit(line):
-    assert stated_rate([line]) == 500.0
+    assert stated_rates([line]) == (500.0,)
 
 
 NO_RATES = (
@@ -379,7 +387,7 @@ NO_RATES = (
 @pytest.mark.parametrize("line", NO_RATES)
 def test_what_is_no_rate_of_all_samples_is_asked(line):
     """10 kN full scale was read as 10 samples a second, the first of several rates as all of them."""
-    assert stated_rate([line]) is None
+    assert only_rate(stated_rates([line])) is None
 
 
 @pytest.mark.parametrize("mark, decimal", [(".", ","), (",", "."), (".", ""), (",", "")])
@@ -403,7 +411,7 @@ def test_a_rate_whose_mark_may_divide_thousands_is_asked_in_one_message(tmp_path
     [
         (["Channel;Filter", "Disp;off", "Force;Bessel 50 Hz"], "'Force Filter: Bessel 50 Hz', which is not undone"),
         (["Channel;Offset", "Disp;0", "Force;0.0"], ""),
-        (["Filter: off"], ""),
+        (["Filter: off; range 100 N"], ""),
     ],
 )
 def test_a_filter_above_a_table_is_said(tmp_path, lines, said):

@@ -64,11 +64,6 @@ _LENGTH = re.compile(r"\W*(dx|resolution|interval)\b", re.IGNORECASE)
 _DURATION = re.compile(r"\W*(sampl\w*|scan|abtast)[ _-]*(time|zeit)", re.IGNORECASE)  # as well as a step
 
 
-def stated_rate(lines: Iterable[str]) -> float | None:
-    """The one rate that lines state; None for none, or several."""
-    return only_rate(stated_rates(lines))
-
-
 def stated_rates(lines: Iterable[str], decimal: str = ".") -> tuple[float, ...]:
     """Samples a second that lines ("Sample interval: 2 ms", "fs = 500") state, NaN where some are not known.
 
@@ -128,4 +123,4 @@ def _one_rate(stated: re.Match[str], value: float, of_step: str) -> float | None
 
 def rate_of_step(step: float, lines: Iterable[str]) -> float | None:
     """The same of one channel's step, whose unit lines may hold."""
-    return stated_rate([f"dt = {step!r}", *(x for x in lines if _STEP_UNIT.match(x) or _THINNED.search(x))])
+    return only_rate(stated_rates([f"dt = {step!r}", *(x for x in lines if _STEP_UNIT.match(x) or _THINNED.search(x))]))

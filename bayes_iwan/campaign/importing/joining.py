@@ -40,8 +40,7 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
     gone: set[int] = set()
     for members in groups.values():
         some = [held[k] for k in members]
-        whole = set().union(*some) == {"motion", "force"} and sum(map(len, some)) == 2
-        if len(members) > 1 and whole:
+        if set().union(*some) == {"motion", "force"} and sum(map(len, some)) == 2:
             out[members[0]] = _one([pieces[k] for k in members])
             gone.update(members[1:])
             for k in members:

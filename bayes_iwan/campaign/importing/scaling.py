@@ -10,7 +10,7 @@ from bayes_iwan.campaign.importing.unit_texts import converted, decimal_point
 from bayes_iwan.campaign.loops.checks import check_epoch, on_grid_of_rate
 from bayes_iwan.campaign.recording.records import CampaignError
 
-#: of the years 1982 to 2064, by Excel, by MATLAB and by astronomers (Julian days)
+#: of the years 1982 to 2053, by Excel, by MATLAB and by astronomers (Julian days)
 DAY_NUMBERS = (30_000.0, 60_000.0), (715_000.0, 750_000.0), (2_445_000.0, 2_471_000.0)
 #: of 1992 to 2052, in seconds since 1970; the ticks of .NET, of 100 ns since the year 1, are ns of 1990 today
 YEARS_S = 7e8, 2.6e9

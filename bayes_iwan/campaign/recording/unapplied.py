@@ -27,7 +27,9 @@ _FACTOR = re.compile(
 )
 #: a filter, by the parts that its words share in many languages
 _FILTER = re.compile(
-    r"filt|smooth|glätt|lissé|lissage|(?:low|high|band|tief|hoch)[ -]?pass|фильтр|滤波|フィルタ", re.IGNORECASE
+    r"(?:filt|smooth|glätt|lissé|lissage|(?:low|high|band|tief|hoch)[ -]?pass|фильтр|滤波|フィルタ)"
+    r"(?!\w*\W*(?:off|none|no|aus)\b)",
+    re.IGNORECASE,
 )
 _NUMBERS = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 #: within a channel's name a number of a factor, an offset, a delay or a filter (1000*Force, Force x 1e3, gain 10, 4 ms
