@@ -410,6 +410,8 @@ def test_a_rate_whose_mark_may_divide_thousands_is_asked_in_one_message(tmp_path
     "lines, said",
     [
         (["Channel;Filter", "Disp;off", "Force;Bessel 50 Hz"], "'Force Filter: Bessel 50 Hz', which is not undone"),
+        (["Filter;off;LP 50 Hz"], "'Filter;off;LP 50 Hz', which is not undone"),
+        (["Moving average: 9"], "'Moving average: 9', which is not undone"),
         (["Channel;Offset", "Disp;0", "Force;0.0"], ""),
         (["Filter: off; range 100 N"], ""),
     ],
@@ -432,6 +434,12 @@ def test_ticks_of_100_ns_are_no_nanoseconds(tmp_path):
     ticks = [str(638_775_736_131_234_567 + round(1e7 * t)) for t in T]
     with pytest.raises(ImportAsks, match="states no unit that is known"):
         import_tests([text(tmp_path / "a.txt", ["Timestamp;x [mm];F [N]"], ticks, U, F)])
+
+
+def test_a_rate_in_a_struct_of_which_not_all_samples_were_kept_is_asked_for(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"x_mm": U, "F_N": F, "fs": 8 * RATE_HZ, "oversampling": 8.0})
+    with pytest.raises(ImportAsks, match="nor a sample rate"):
+        import_tests([tmp_path / "a.mat"])
 
 
 def test_structs_as_testlab_and_dewesoft_write_them(tmp_path):

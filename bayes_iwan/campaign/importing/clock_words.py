@@ -54,7 +54,7 @@ _BEHIND = re.compile(rf"[\"\s;,\[(]*{_UNIT}(?![\w/])|\s*(?P<other>[^\W\d_]+|[°%
 _STEP_UNIT = re.compile(
     r"\W*(?:x|h|t|time|zeit|horizontal|abscissa)[ _-]*(?:axis[ _-]*)?(?:units?|einheit)\W+([a-zµμ]+)", re.IGNORECASE
 )
-_THINNED = re.compile(
+THINNED = re.compile(
     r"\b(?:decimat\w*|reduc\w*|(?:down|over)[ _-]?sampl\w*|averag\w*)\W*(?:(?:factor|ratio|by)\W*)*(?!1\b)\d+(?![.,\w])"
     r"|\bevery \d+ ?(?:st|nd|rd|th|samples|points|scans|rows|values)\b",
     re.IGNORECASE,
@@ -71,7 +71,7 @@ def stated_rates(lines: Iterable[str], decimal: str = ".") -> tuple[float, ...]:
     were kept, and by a step of 1 or more without a unit, which is as often in ms.
     """
     lines = list(lines)
-    if any(map(_THINNED.search, lines)):
+    if any(map(THINNED.search, lines)):
         return ()
     of_step = next((m[1] for m in map(_STEP_UNIT.match, lines) if m), "")
     every = (m for x in lines for at in _BEGINS.finditer(x) if (m := _NUMBER.match(x, at.end())))
@@ -123,4 +123,4 @@ def _one_rate(stated: re.Match[str], value: float, of_step: str) -> float | None
 
 def rate_of_step(step: float, lines: Iterable[str]) -> float | None:
     """The same of one channel's step, whose unit lines may hold."""
-    return only_rate(stated_rates([f"dt = {step!r}", *(x for x in lines if _STEP_UNIT.match(x) or _THINNED.search(x))]))
+    return only_rate(stated_rates([f"dt = {step!r}", *(x for x in lines if _STEP_UNIT.match(x) or THINNED.search(x))]))

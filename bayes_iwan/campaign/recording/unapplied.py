@@ -27,8 +27,8 @@ _FACTOR = re.compile(
 )
 #: a filter, by the parts that its words share in many languages
 _FILTER = re.compile(
-    r"(?:filt|smooth|glätt|lissé|lissage|(?:low|high|band|tief|hoch)[ -]?pass|фильтр|滤波|フィルタ)"
-    r"(?!\w*\W*(?:off|none|no|aus)\b)",
+    r"(?:filt|smooth|glätt|lissé|lissage|(?:low|high|band|tief|hoch)[ -]?pass|cut-?off|grenzfreq|moving|averaging|"
+    r"фильтр|滤波|フィルタ)(?!\w*\W*(?:off|none|no|aus)\b(?!.*hz))",
     re.IGNORECASE,
 )
 _NUMBERS = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
@@ -41,7 +41,7 @@ _IN_NAME = re.compile(
     rf"(?<![^\W_])(?:[hlt]p ?)?({_N}[ _]?(?:[mµu]?s|sec|samples?|k?hz))(?![^\W_])|^(\d+/\d+)(?=[ *])|"
     r"(?<![^\W_])(?:gain|factor|faktor|scal\w*|amp\w*|mul\w*|times|mal|by|verst\w*|cal\w*|offset|tare|delay\w*|lag\w*|"
     rf"[hlt]p)[\W_]*({_N})|"
-    rf"({_FILTER.pattern}|mittelt|mittelwert|(?<![^\W_])(?:[hlt]p|moving|running|mean|m?avg|averaged?)(?![^\W_]))",
+    rf"({_FILTER.pattern}|mittelt|mittelwert|(?<![^\W_])(?:[hlt]p|running|mean|m?avg|averaged?)(?![^\W_]))",
     re.IGNORECASE,
 )
 

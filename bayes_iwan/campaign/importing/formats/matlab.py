@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rates
+from bayes_iwan.campaign.importing.clock_words import STARTS, THINNED, stated_rates
 from bayes_iwan.campaign.importing.formats.stamps import seconds
 from bayes_iwan.campaign.importing.recordings import (
     FEWEST_SAMPLES,
@@ -214,6 +214,8 @@ def _recordings(
     rate = None
     numbers = {k: float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1}
     own_rates = {k: r for k, x in numbers.items() if (r := only_rate(stated_rates([f"{_leaf(k)} = {x!r}"])))}
+    if any(THINNED.search(f"{_leaf(k)} = {x:g}") for k, x in numbers.items()):
+        own_rates = {}  # not all samples were kept
     stamps = {k: found[2] for k, text in texts.items() if (found := seconds([text])) is not None}
     starts = {k: x for k, x in (numbers | stamps).items() if STARTS.fullmatch(_leaf(k)) and "." in k}
     starts = {k: x for k, x in starts.items() if abs(x) < LATEST_S or YEARS_S[0] < x < YEARS_S[1]}
