@@ -27,7 +27,7 @@ _FACTOR = re.compile(
 )
 #: a filter, by the parts that its words share in many languages
 _FILTER = re.compile(
-    r"(?:filt|smooth|glätt|lissé|lissage|(?:low|high|band|tief|hoch)[ -]?pass|cut-?off|grenzfreq|moving|averaging|"
+    r"(?:filt|smooth|glätt|lissé|lissage|(?:low|high|band|tief|hoch)[ -]?pass|cut-?off|grenzfreq|moving[ _-]?av|averaging|"
     r"фильтр|滤波|フィルタ)(?!\w*\W*(?:off|none|no|aus)\b(?!.*hz))",
     re.IGNORECASE,
 )
