@@ -27,8 +27,8 @@ _FACTOR = re.compile(
 )
 #: a filter, by the parts that its words share in many languages
 _FILTER = re.compile(
-    r"(?:filt|smooth|glätt|lissé|lissage|(?:low|high|band|tief|hoch)[ -]?pass|cut-?off|grenzfreq|moving[ _-]?av|averaging|"
-    r"фильтр|滤波|フィルタ)(?!\w*\W*(?:off|none|no|aus)\b(?!.*hz))",
+    r"(?:filt|smooth|glätt|lissé|lissage|(?:low|high|band|tief|hoch)[ -]?pass|cut-?off|grenzfreq|moving[ _-]?av|"
+    r"averaging|фильтр|滤波|フィルタ)(?!\w*\W*(?:off|none|no|aus)\b(?!.*hz))",
     re.IGNORECASE,
 )
 _NUMBERS = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
