@@ -4,6 +4,5 @@ from bayes_iwan.campaign.folders.folder import Campaign, read_campaign
 from bayes_iwan.campaign.folders.writing import write_campaign
 from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.recording.records import CampaignError, Record
-from bayes_iwan.campaign.timing.drive import split
 
-__all__ = ["Campaign", "CampaignError", "Loop", "Record", "average", "read_campaign", "split", "write_campaign"]
+__all__ = ["Campaign", "CampaignError", "Loop", "Record", "average", "read_campaign", "write_campaign"]

@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign import split
 from bayes_iwan.campaign.importing import import_tests
-from bayes_iwan.campaign.timing.drive import assess_drive
+from bayes_iwan.campaign.timing.drive import assess_drive, split_levels
 
 
 def test_run_in_and_run_out_are_no_staircase(record):
     r = record(n_cycles=30.3)
     ramp = np.clip(r.time_s / 0.35, 0.3, 1) * np.clip((r.time_s[-1] - r.time_s) / 0.25, 0, 1)
     assert assess_drive(r.time_s, ramp * r.displacement_mm).kind == "steady"
-    assert len(split(replace(r, displacement_mm=ramp * r.displacement_mm))) == 1
+    assert len(split_levels(replace(r, displacement_mm=ramp * r.displacement_mm))[0]) == 1
 
 
 @pytest.mark.parametrize("rate", [83.0, 1280.0])

@@ -387,7 +387,7 @@ def test_one_list_of_words_for_rates_in_all_formats(tmp_path, word):
     nptdms = pytest.importorskip("nptdms")
     import scipy.io
 
-    from bayes_iwan.campaign.importing.clock_words import stated_rate
+    from bayes_iwan.campaign.importing.clock_words import stated_rates
 
     value = {"fs_kHz": 0.2, "dt": 0.005}.get(word, 200.0)
     t = np.arange(600) / 200
@@ -404,4 +404,4 @@ def test_one_list_of_words_for_rates_in_all_formats(tmp_path, word):
     (tmp_path / "a.csv").write_text(f"{word}: {value}\nx (mm);F (N)\n" + "".join(f"{a};{b}\n" for a, b in zip(x, f)))
     (test,) = import_tests([tmp_path / "a.csv"])
     assert test.record.frequency_hz == 5.0
-    assert stated_rate(["Period: 0.2 s", "Step: 3", "Resolution: 1 us"]) is None
+    assert stated_rates(["Period: 0.2 s", "Step: 3", "Resolution: 1 us"]) == ()

@@ -186,6 +186,8 @@ FORMS = {
     "comma_decimal_comma_space": (table(["Time s, Disp mm, Force N"], T, X, F, separator=", ", decimal=","), {}),
     "swiss_thousands": (table(["Zeit [s];Weg [mm];Kraft [N]"], T, X, [f"{v:,.3f}".replace(",", "'") for v in F],
                               separator=";"), {}),
+    "grafana": (table(['"Time","Disp","Force"'], clock("%Y-%m-%d %H:%M:%S.%f"), [f"{x:.5f} mm" for x in X],
+                      [f"{f:.3f} N" for f in F]), {}),
     "numbers_and_units_in_cells": (
         table(["Time,Disp,Force"], [f"{t:.4f} s" for t in T], [f"{x:.5f} mm" for x in X],
                 [f"{f:.3f} N" for f in F]), {}),
@@ -317,7 +319,7 @@ def test_what_is_asked_of_channels_that_are_not_chosen_yet_is_asked_at_once(tmp_
             "'Time' goes up by 0.7812 a row and states no unit",
         ),
         ("Sample rate: 5000 Hz\nAveraging: 10\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
-        ("Scan rate: 5000 Hz\nStorage rate: 500 Hz\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
+        ("Scan rate: 5000 Hz\nStorage rate: 500 Hz\nDisp (mm),Force (N)", (X, F), "states 500 or 5000 samples"),
         ("Sample rate: 30000 /min\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
         ("Sampling interval: 2\nDisp (mm),Force (N)", (X, F), "neither a time channel"),
         ("Time (1/100 s),Disp (mm),Force (N)", (100 * T, X, F), r"'Time \(1/100 s\)' goes up by .* no unit"),

@@ -7,10 +7,12 @@ import pytest
 import scipy.io
 
 from bayes_iwan.campaign import CampaignError, read_campaign
-from bayes_iwan.campaign.importing.clock_words import stated_rate
-from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.clock_words import stated_rates
 from bayes_iwan.campaign.importing.importer import import_tests, write_tests
 from bayes_iwan.campaign.importing.questions import ImportAsks
+from bayes_iwan.campaign.importing.recipe import Recipe
+from bayes_iwan.campaign.importing.recordings import only_rate
+from bayes_iwan.campaign.recording.unapplied import not_applied
 
 N, RATE_HZ, FREQUENCY_HZ, LATE_S = 1000, 250.0, 5.0, 0.008
 T = np.arange(N) / RATE_HZ
@@ -300,20 +302,28 @@ def test_a_tab_in_a_file_name_makes_a_campaign_that_reads(tmp_path):
 
 
 IN_NAMES = (
-    "x2, x10, *2, /2, /10, 2x, gain 100, gain10, G=10, amp 10, scaled 0.1, delayed 4 ms, +4ms, offset 50, -2 samples"
+    "x2, x10, *2, /2, /10, 2x, gain 100, gain10, G=10, amp 10, scaled 0.1, delayed 4 ms, +4ms, offset 50, -2 samples, "
+    "lowpass 100 Hz, filtered, smoothed, LP50, TP 100, moving average, gefiltert, geglättet, filtré, mean of 10"
 )
 
 
 @pytest.mark.parametrize("said", IN_NAMES.split(", "))
-def test_a_factor_offset_or_delay_in_a_channels_name_is_said(tmp_path, said):
+def test_a_factor_offset_delay_or_filter_in_a_channels_name_is_said(tmp_path, said):
     (test,) = import_tests([text(tmp_path / "a.txt", [f"t [s];x [mm];Force {said} [N]"], T, U, F)])
-    assert any(f"'Force {said}' may name a factor, an offset or a delay" in x for x in test.record.warnings)
+    assert any(f"'Force {said}' may name a factor, an offset, a delay or a filter" in x for x in test.record.warnings)
     assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
 
 
 @pytest.mark.parametrize(
     "motion, force",
-    [("x2", "Force 2"), ("Disp x1", "F2"), ("LVDT 3", "Load cell 1/2"), ("Laser x2", "Force 10 kN range")],
+    [
+        ("Weg 10mm", "U9C 5kN"),
+        ("Lissajous u", "Bypass valve force"),
+        ("x2", "Force 2"),
+        ("Disp x1", "F2"),
+        ("LVDT 3", "Load cell 1/2"),
+        ("Laser x2", "Force 10 kN range"),
+    ],
 )
 def test_axes_and_numbers_in_names_are_no_factors(tmp_path, motion, force):
     other = motion[:-1] + "9"  # a kin, which makes of x2 an axis
@@ -331,32 +341,117 @@ def test_a_sign_in_a_name_is_decided_by_the_loop(tmp_path):
         import_tests([text(tmp_path / "b.txt", heads, T, U, -F)])
 
 
-@pytest.mark.parametrize("name", ["Peak force", "Force max", "abs(Force)", "Force_rms"])
+@pytest.mark.parametrize("name", ["Peak force", "Force max", "abs(Force)", "Force_rms", "|Force|", "Force p-p"])
 def test_what_is_derived_of_a_force_is_asked_for(tmp_path, name):
     with pytest.raises(ImportAsks, match="No channel is known as force"):
         import_tests([text(tmp_path / "a.txt", [f"t [s];x [mm];{name} [N]"], T, U, F)])
+    recipe = Recipe(channels={"force": name})
+    (test,) = import_tests([tmp_path / "a.txt"], recipe)
+    assert any(f"{name!r} is no force or motion as it was measured" in x for x in test.record.warnings)
+
+
+@pytest.mark.parametrize("name", ["force_lowpass_100Hz_N", "force_x10_N", "abs_force_N", "force_4_ms_late_N"])
+def test_names_in_a_campaigns_own_files_are_read_as_those_of_imports(folder, toml, name):
+    path = folder(toml.replace("force_N", name))
+    (path / "test.csv").write_text((path / "test.csv").read_text().replace("force_N", name))
+    assert any(f"'{name[:-2]}' " in x for x in read_campaign(path).tests[0].warnings)
+
+
+def test_an_absolute_value_is_said_whatever_it_is_called(tmp_path):
+    (test,) = import_tests([text(tmp_path / "a.txt", ["t [s];x [mm];F [N]"], T, U, np.abs(F))])
+    assert any("a force without its sign" in x for x in test.record.warnings)
 
 
 RATES = (
     "Rate 0.5 kHz", "500 S/s", "Sample time: 0.002", "dt = 2 ms", "Sampling interval 2 ms", "Sampled at 500 Hz",
     "Samples per second: 500", "Δt: 0.002 s", "Sampling freq. (Hz) 500", "Date: 1.3.2024; Sampling rate: 500 Hz",
     "Periodo de muestreo: 0,002 s", "Sampling rate;0,5;kHz", "Sample rate: 0.5 кГц", "Sampling rate: 500 1/s",
+    "Sample Rate Per Channel: 500.000 Hz",
 )  # fmt: skip
 
 
 @pytest.mark.parametrize("line", RATES)
 def test_a_rate_is_read_by_its_label_number_and_unit(line):
-    assert stated_rate([line]) == 500.0
+    assert stated_rates([line]) == (500.0,)
 
 
 NO_RATES = (
     "FS: 10 kN", "fs 100 N", "Sample 3, 8 Hz", "Data 8 Hz 1.2 mm", "Recorded: 2024-03-01", "Sampling time: 20 s",
     "NI 9234 51.2 kS/s", "Sample rate: 1 000 Hz", "Sampling rate [Hz];500;250", "500 S/s;100 S/s", "SR 12",
     "Sampling interval 0.1 mm", "Rate: 0.5 mm/s", "Max. sampling rate: 100 kHz", "Rate: 8 Hz",
+    "Sample rate: 8000 Hz; oversampling 16", "Sample rate: 8000 Hz; output rate: 500 Hz", "Sampling rate: 1,280 Hz",
+    "Sampling interval;2e-3;4e-3",
 )  # fmt: skip
 
 
 @pytest.mark.parametrize("line", NO_RATES)
 def test_what_is_no_rate_of_all_samples_is_asked(line):
     """10 kN full scale was read as 10 samples a second, the first of several rates as all of them."""
-    assert stated_rate([line]) is None
+    assert only_rate(stated_rates([line])) is None
+
+
+@pytest.mark.parametrize("mark, decimal", [(".", ","), (",", "."), (".", ""), (",", "")])
+def test_a_rate_whose_mark_may_divide_thousands_is_asked_in_one_message(tmp_path, mark, decimal):
+    """1.280 Hz were read for 1,280 where numbers have decimal commas, and 1,280 was not mentioned."""
+    values = [[f"{x:.6f}".replace(".", decimal) if decimal else f"{1e3 * x:.0f}" for x in y] for y in (U, F)]
+    units = ("mm", "N") if decimal else ("um", "mN")
+    head = [f"Sampling rate: 1{mark}280 Hz", "Disp ({}); Force ({})".format(*units)]
+    with pytest.raises(
+        ImportAsks, match=r"states 1\.28 or 1280 samples a second: which is right\? Say it with --sample"
+    ):
+        import_tests([text(tmp_path / "a.txt", head, *values)])
+    head[0] = f"Sampling rate: 1{decimal or mark}280 kHz"
+    if decimal:
+        (test,) = import_tests([text(tmp_path / "a.txt", head, *values)])
+        assert test.loop.frequency_hz == pytest.approx(FREQUENCY_HZ * 1280 / RATE_HZ, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "lines, said",
+    [
+        (["Channel;Filter", "Disp;off", "Force;Bessel 50 Hz"], "'Force Filter: Bessel 50 Hz', which is not undone"),
+        (["Filter;off;LP 50 Hz"], "'Filter;off;LP 50 Hz', which is not undone"),
+        (["Moving average: 9"], "'Moving average: 9', which is not undone"),
+        (["Channel;Offset", "Disp;0", "Force;0.0"], ""),
+        (["Filter: off; range 100 N"], ""),
+    ],
+)
+def test_a_filter_above_a_table_is_said(tmp_path, lines, said):
+    (test,) = import_tests([text(tmp_path / "a.txt", [*lines, "t [s];x [mm];F [N]"], T, U, F)])
+    assert (
+        [x for x in test.record.warnings if said in x]
+        if said
+        else not any("which is not" in x for x in test.record.warnings)
+    )
+
+
+def test_a_unit_above_a_table_that_contradicts_the_columns_is_asked(tmp_path):
+    with pytest.raises(ImportAsks, match=r"'Force \(N\), kN' \(force\) states no unit"):
+        import_tests([text(tmp_path / "a.txt", ["Force unit: kN", "t [s];x [mm];Force (N)"], T, U, F)])
+
+
+def test_ticks_of_100_ns_are_no_nanoseconds(tmp_path):
+    ticks = [str(638_775_736_131_234_567 + round(1e7 * t)) for t in T]
+    with pytest.raises(ImportAsks, match="states no unit that is known"):
+        import_tests([text(tmp_path / "a.txt", ["Timestamp;x [mm];F [N]"], ticks, U, F)])
+
+
+def test_a_rate_in_a_struct_of_which_not_all_samples_were_kept_is_asked_for(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"x_mm": U, "F_N": F, "fs": 8 * RATE_HZ, "oversampling": 8.0})
+    with pytest.raises(ImportAsks, match="nor a sample rate"):
+        import_tests([tmp_path / "a.mat"])
+
+
+def test_structs_as_testlab_and_dewesoft_write_them(tmp_path):
+    def signal(values, unit, name):
+        axis = {"start_value": 0.0, "increment": 1 / RATE_HZ, "quantity": {"label": "s"}}
+        y = {"values": values, "quantity": {"label": unit}}
+        return {"x_values": axis, "y_values": y, "function_record": {"name": name}}
+
+    scipy.io.savemat(tmp_path / "a.mat", {"S0": signal(U, "mm", "Displacement"), "S1": signal(F, "N", "Force")})
+    (test,) = import_tests([tmp_path / "a.mat"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
+    own = {"D1_Weg_mm": U, "D1_time_Weg_s": T, "D1_Kraft_N": LATE_F, "D1_time_Kraft_s": T + LATE_S}
+    scipy.io.savemat(tmp_path / "b.mat", own)
+    (test,) = import_tests([tmp_path / "b.mat"])
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)

@@ -19,7 +19,8 @@ from bayes_iwan.campaign.loops.resolution import POINTS, points_for
 from bayes_iwan.campaign.recording.limits import RigLimits, limits_of
 from bayes_iwan.campaign.recording.records import ROLES, CampaignError, Record, shown
 from bayes_iwan.campaign.recording.stated import number_of, only, positive, read_toml
-from bayes_iwan.campaign.recording.table import column, header_has, read_table, working_unit
+from bayes_iwan.campaign.recording.table import column, ending, header_has, read_table, working_unit
+from bayes_iwan.campaign.recording.unapplied import said_of_name
 from bayes_iwan.campaign.recording.units import ACCELERATIONS, DISPLACEMENTS, FORCES, TIMES, Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.timing.cycles import cut_cycles
@@ -190,10 +191,7 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
     if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
         raise CampaignError("campaign.toml: no tests; add a [[test]] table for each record")
     units = Units(
-        working_unit(channels.displacement or "", DISPLACEMENTS)
-        or working_unit(channels.acceleration or "", ACCELERATIONS)
-        or "mm",
-        working_unit(channels.force, FORCES) or "N",
+        working_unit(channels.motion, channels.motion_units) or "mm", working_unit(channels.force, FORCES) or "N"
     )
     limits = limits_of(_table(stated, "rig"), units) if "rig" in stated else RigLimits()
     tests = [_test(entry, k, units, channels.clock) for k, entry in enumerate(entries, 1)]
@@ -214,7 +212,7 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
         **{key: specimen.get(key, "") for key in SPECIMEN},
         path=folder,
         tests=records,
-        from_acceleration=channels.acceleration is not None,
+        from_acceleration=channels.motion_units is ACCELERATIONS,
         limits=limits,
     )
     same = [loop.record.force_N is record.force_N for loop, record in zip(loops, records)]
@@ -230,11 +228,11 @@ def _table(stated: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Channels:
-    """Columns by what they hold, as [channels] states them; displacement or acceleration is None."""
+    """Columns by what they hold, as [channels] states them; motion_units : DISPLACEMENTS or ACCELERATIONS."""
 
     force: str
-    displacement: str | None
-    acceleration: str | None
+    motion: str
+    motion_units: Mapping[str, Mapping[str, float]]
     time: str | None
     sample_rate_hz: float | None
     clock: bool
@@ -272,8 +270,8 @@ def _channels(stated: dict[str, Any]) -> _Channels:
             "delete one of them"
         )
     rate = None if rate is None else positive(rate, f"{where}: sample_rate_hz")
-    displacement, acceleration, time = map(stated.get, ("displacement", "acceleration", "time"))
-    return _Channels(stated["force"], displacement, acceleration, time, rate, clock)
+    role, units = ("displacement", DISPLACEMENTS) if "displacement" in stated else ("acceleration", ACCELERATIONS)
+    return _Channels(stated["force"], stated[role], units, stated.get("time"), rate, clock)
 
 
 def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Test:
@@ -332,8 +330,9 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
     names, table, warnings = read_table(folder / file, file)
     rate = channels.sample_rate_hz
     time_name = channels.time or "time_s"
+    motion = column(names, table, channels.motion, channels.motion_units, file)
     if not channels.clock:
-        time = cycles_as_time(file, column(names, table, channels.displacement or "", DISPLACEMENTS, file))
+        time = cycles_as_time(file, motion)
     elif time_name in names:
         time = column(names, table, time_name, {"s": TIMES}, file)
     elif channels.time is None and rate is not None:
@@ -347,14 +346,13 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
     force = column(names, table, channels.force, FORCES, file)
     if channels.clock:
         check_time(file, time, rate, test.frequency_hz)
-    if channels.displacement is not None:
-        displacement = column(names, table, channels.displacement, DISPLACEMENTS, file)
-    else:
-        acceleration = column(names, table, channels.acceleration or "", ACCELERATIONS, file)
-        displacement = displacement_from_acceleration(file, time, acceleration)
+    if channels.motion_units is ACCELERATIONS:
+        motion = displacement_from_acceleration(file, time, motion)
+    for name, units_of in ((channels.motion, channels.motion_units), (channels.force, FORCES)):
+        warnings += said_of_name(name.removesuffix(f"_{ending(name, units_of)}"), names)
     warnings += step_warnings(time) if channels.clock else ()
     stated = test.file, test.frequency_hz, test.amplitude_mm, test.role, test.extras
-    return Record(*stated, time, displacement, force, warnings, units, channels.clock)
+    return Record(*stated, time, motion, force, warnings, units, channels.clock)
 
 
 def cycles_as_time(file: str, displacement: Array) -> Array:

@@ -14,6 +14,7 @@ from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.scaling import SAME_RATE, SINGLE_S
 from bayes_iwan.campaign.importing.unit_texts import ROLES, converted, is_ratio, is_volts, may_be, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.unapplied import NOT_MEASURED
 from bayes_iwan.errors import nearest
 
 NO_TIME = "none"  # as the name of a time channel: there is none, the rate counts
@@ -22,13 +23,6 @@ TRANSDUCER = {"force": "9.55 mV/N", "displacement": "2 V/mm", "acceleration": "1
 _WHICH = "Which is the time: {}? If each is of one channel, put it before that channel."
 RISING = 0.9  # of the steps of a time channel go up
 LATE = 0.5  # of a record by which one of two clocks may be late and still be its channel's own
-#: what has the unit of a motion or a force and is no measurement of it: never taken unless it is named
-_NOT_MEASURED = re.compile(
-    r"(?<![^\W_])(error|err|fehler|abweichung|deviation|écart|command|cmd|commanded|setpoint|set[ _-]point|soll|"
-    r"sollwert|sollweg|consigne|demand|energy|energie|énergie|work|arbeit|mass|masse|normal|"
-    r"normalkraft|preload|abs|rms|peak|max|min|maximum|minimum|envelope|limit)(?![^\W\d_])",
-    re.IGNORECASE,
-)
 
 
 @dataclass(frozen=True)
@@ -48,14 +42,12 @@ class Assigned:
 
 def roles_held(recording: Recording, recipe: Recipe) -> set[str]:
     """Which of motion and force a recording has a channel for."""
-    out = set()
-    for role, of in (("displacement", "motion"), ("acceleration", "motion"), ("force", "force")):
-        name = recipe.channels.get(role)
-        if (name is not None and matching(recording, name)) or (
-            name is None and _candidates(list(recording.channels), role, recipe)
-        ):
-            out.add(of)
-    return out
+    named_as, channels = recipe.channels, list(recording.channels)
+    return {
+        "force" if role == "force" else "motion"
+        for role in ("displacement", "acceleration", "force")
+        if (matching(recording, named_as[role]) if role in named_as else _candidates(channels, role, recipe))
+    }
 
 
 def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
@@ -65,32 +57,27 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
     for role, channel in found.items():
         if other := next((r for r, c in found.items() if c is channel and r != role), None):
             raise CampaignError(f"{recording.where}: {channel.name!r} is named as {role} and as {other}")
-    notes = []
-    left = [c for c in recording.channels if not any(c is used for used in found.values())]
-    open_roles = [] if "force" in found else ["force"]
-    if not {"displacement", "acceleration"} & set(found):
-        open_roles += ["displacement", "acceleration"]
-    candidates = {role: _candidates(left, role, recipe) for role in open_roles}
-    if candidates.get("displacement") and candidates.get("acceleration"):
-        names = ", ".join(repr(c.name) for c in candidates.pop("acceleration"))
-        notes.append(f"the displacement is used, not the acceleration {names}: --acceleration NAME takes that")
-    questions = []
+    left = [c for c in recording.channels if c not in found.values()]
+    notes: list[str] = []
+    questions: list[Question] = []
 
     def which(role: str, text: str) -> Question:
         return Question(f"--{role}", "", "NAME", text, lambda name: _ask(recording, role, name))
 
-    for role, some in candidates.items():
+    for what, roles in (("force", ("force",)), ("displacement or acceleration", ("displacement", "acceleration"))):
+        if set(roles) & set(found):
+            continue
+        held = {role: some for role in roles if (some := _candidates(left, role, recipe))}
+        role, some = next(iter(held.items()), (roles[0], []))
+        if len(held) > 1:
+            names = ", ".join(repr(c.name) for c in held["acceleration"])
+            notes.append(f"the displacement is used, not the acceleration {names}: --acceleration NAME takes that")
         if len(some) == 1:
             found[role] = some[0]
         elif some:
             among = _list(recording, some)
             questions += [which(role, f"Which channel is the {role}: {among}?"), *unit_asked(some, role, recipe)]
-    for role in ("force", "displacement"):
-        missing = role not in found and not candidates.get(role)
-        if role == "displacement":
-            missing = missing and "acceleration" not in found and not candidates.get("acceleration")
-        if missing:
-            what = "displacement or acceleration" if role == "displacement" else role
+        else:
             free = [c for c in left if role_of(c.unit) is None and not named(c.name, "time")]
             among = _list(recording, left, numbers=not any(c.unit for c in free))
             questions.append(which(role, f"No channel is known as {what} among {among}."))
@@ -102,7 +89,7 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
         time = _ask(recording, "time", recipe.channels["time"])
         times = [time, time]
     elif "time" not in recipe.channels and recipe.clock:
-        used = [c for c in found.values()]
+        used = list(found.values())
         for k, one in enumerate(both):
             here = _times(recording, one, used, recipe) if one else []
             if len(here) > 1:
@@ -152,11 +139,8 @@ def is_time(channel: Channel) -> bool:
 def _times(recording: Recording, channel: Channel, used: list[Channel], recipe: Recipe) -> list[Channel]:
     """The time channels that may be a channel's own: of its group, before it; several only where they differ. Raises
     CampaignError where all of them run backwards or are in no order."""
-    clocks = [
-        c
-        for c in recording.channels
-        if not any(c is x for x in used) and c.values.size == channel.values.size and is_time(c)
-    ]
+    n = channel.values.size
+    clocks = [c for c in recording.channels if c not in used and c.values.size == n and is_time(c)]
     some = [c for c in clocks if _rises(c.values)]
     known = channel.rate_hz or not recipe.clock
     if clocks and not some and not known and (role_of(clocks[0].unit) or recipe.rate_hz or not recording.rate_hz):
@@ -167,8 +151,8 @@ def _times(recording: Recording, channel: Channel, used: list[Channel], recipe: 
         return some
     if len(own := [c for c in some if channel.name.lower() in c.name.lower()]) == 1:
         return own
-    order = {id(c): k for k, c in enumerate(recording.channels)}
-    at, times, others = order[id(channel)], [order[id(c)] for c in some], [order[id(c)] for c in used]
+    place = recording.channels.index
+    at, times, others = place(channel), [*map(place, some)], [*map(place, used)]
     before, after = [k for k in times if k < at], [k for k in times if k > at]
     if before and min(times) < min(others) and not max(times) < min(others):
         return [recording.channels[before[-1]]]  # time, channel, time, channel
@@ -218,7 +202,7 @@ def _rises(values: np.ndarray) -> bool:
 
 def _candidates(channels: list[Channel], role: str, recipe: Recipe) -> list[Channel]:
     """Channels whose unit is the role's; where none is, those whose name says so and whose unit says nothing else."""
-    channels = [c for c in channels if not _NOT_MEASURED.search(c.name)]
+    channels = [c for c in channels if not NOT_MEASURED.search(c.name)]
     by_unit = [c for c in channels if role_of(c.unit) == role and not _other_by_name(c, role)]
     said = role in recipe.units or role in recipe.sensitivities
     by_name = [
@@ -277,7 +261,6 @@ def _list(recording: Recording, some: list[Channel], numbers: bool = False) -> s
     """Names with units; with their numbers where two are the same, or where asked."""
     texts = [c.name + (f" ({c.unit})" if c.unit else "") for c in some]
     if numbers or len({_plain(c.name) for c in some}) < len(some):
-        number = {id(c): k for k, c in enumerate(recording.channels, 1)}
-        texts = [f"{number[id(c)]}: {text}" for c, text in zip(some, texts)]
+        texts = [f"{recording.channels.index(c) + 1}: {text}" for c, text in zip(some, texts)]
     text = ", ".join(texts) or "none"
     return text if len(text) <= 300 else text[:297] + "..."

@@ -4,10 +4,9 @@ import math
 import re
 from collections.abc import Iterable
 
-from bayes_iwan.campaign.importing.recordings import RATES_HZ
-from bayes_iwan.campaign.importing.unit_texts import decimal_point
+from bayes_iwan.campaign.importing.recordings import RATES_HZ, only_rate
 
-_SAMPLING = r"(?:sampl\w*|scan(?:ning)?|data|daq|adc|acq\w*\.?|storage|record(?:ing)?|log(?:ging)?|abtast|mess)"
+_SAMPLING = r"(?:sampl\w*|scan(?:ning)?|data|daq|adc|acq\w*\.?|storage|record(?:ing)?|log(?:ging)?|output|abtast|mess)"
 #: the same behind the noun, in languages that put it there
 _OF_SAMPLING = (
     r"[ -](?:d[ei] |d['’]|по )?(?:[ée]chantillonnage|acquisition|campionamento|acquisizione|muestreo|adquisici[óo]n|"
@@ -15,7 +14,8 @@ _OF_SAMPLING = (
 )
 _PER_S = r"(?:s|sa|sam\w*|scans?|points?|readings?|rows?|values?)[ _]?(?:/|per) ?(?:channel per )?s(?:ec(?:ond)?s?)?"
 _RATES = (
-    rf"(?:{_SAMPLING}[ _-]*){{1,3}}(?:rate|fre[qk]\w*\.?)|(?:fr[ée]q\w*|frec\w*|tasa|taux|частота)\.?{_OF_SAMPLING}|"
+    rf"(?:{_SAMPLING}[ _-]*){{1,3}}(?:rate|fre[qk]\w*\.?)(?:[ _-]per[ _-]ch\w*)?|"
+    rf"(?:fr[ée]q\w*|frec\w*|tasa|taux|частота)\.?{_OF_SAMPLING}|"
     rf"(?:采样|サンプリング)(?:率|频率|周波数|レート)|f_?s(?:ample)?|srate|(?:(?:number|no\.?) of )?{_PER_S}"
 )
 #: what counts beside a unit of rates alone; a bare rate in Hz is as often the drive's
@@ -48,15 +48,15 @@ _RATE, _VAGUE_RATE, _STEP = (
 #: where a statement begins in a line; its label, its number and what stands behind; the unit there
 _BEGINS = re.compile(r"^|[;\t|]|,(?=\s*[^\s\d])")
 _NUMBER = re.compile(r"(.{0,80}?)(?<![\w/\[({.-])(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)(.{0,400})", re.IGNORECASE)
-_MORE = re.compile(rf"(?:[\s;|'’]+\d[\d.,]*\s*{_UNIT}?(?=[\s;|'’]|$))*", re.IGNORECASE)
+_MORE = re.compile(rf"(?:[\s;|'’]+\d[\d.,]*(?:e[+-]?\d+)?\s*{_UNIT}?(?=[\s;|'’]|$))*", re.IGNORECASE)
 _BEHIND = re.compile(rf"[\"\s;,\[(]*{_UNIT}(?![\w/])|\s*(?P<other>[^\W\d_]+|[°%])", re.IGNORECASE)
 #: the unit of a step in a line of its own; and that not all samples of a stated rate were kept
 _STEP_UNIT = re.compile(
     r"\W*(?:x|h|t|time|zeit|horizontal|abscissa)[ _-]*(?:axis[ _-]*)?(?:units?|einheit)\W+([a-zµμ]+)", re.IGNORECASE
 )
-_THINNED = re.compile(
-    r"\b(?:decimat\w*|reduc\w*|down[ _-]?sampl\w*|averag(?:ing|es))\W*(?:(?:factor|ratio|by)\W*)*(?!1\b)\d|"
-    r"\bevery \d+ ?(?:st|nd|rd|th|samples|points|scans|rows|values)\b",
+THINNED = re.compile(
+    r"\b(?:decimat\w*|reduc\w*|(?:down|over)[ _-]?sampl\w*|averag\w*)\W*(?:(?:factor|ratio|by)\W*)*(?!1\b)\d+(?![.,\w])"
+    r"|\bevery \d+ ?(?:st|nd|rd|th|samples|points|scans|rows|values)\b",
     re.IGNORECASE,
 )
 _SAMPLES_PER_S = re.compile(rf"[kmg]?(?:{_PER_S})", re.IGNORECASE)
@@ -64,23 +64,36 @@ _LENGTH = re.compile(r"\W*(dx|resolution|interval)\b", re.IGNORECASE)
 _DURATION = re.compile(r"\W*(sampl\w*|scan|abtast)[ _-]*(time|zeit)", re.IGNORECASE)  # as well as a step
 
 
-def stated_rate(lines: Iterable[str]) -> float | None:
-    """Samples a second that lines ("Sample interval: 2 ms", "fs = 500") state; None for none, or several.
+def stated_rates(lines: Iterable[str], decimal: str = ".") -> tuple[float, ...]:
+    """Samples a second that lines ("Sample interval: 2 ms", "fs = 500") state, NaN where some are not known.
 
-    None too where not all samples were kept, and for a step of 1 or more without a unit, which is as often in ms.
+    decimal : the mark of the file's other numbers, "" where they show none. No rate is stated where not all samples
+    were kept, and by a step of 1 or more without a unit, which is as often in ms.
     """
     lines = list(lines)
-    if any(map(_THINNED.search, lines)):
-        return None
+    if any(map(THINNED.search, lines)):
+        return ()
     of_step = next((m[1] for m in map(_STEP_UNIT.match, lines) if m), "")
-    every = (_one_rate(m, of_step) for x in lines for at in _BEGINS.finditer(x) if (m := _NUMBER.match(x, at.end())))
-    found = {float(f"{x:.9g}") for x in every if x is not None}
-    return rate if len(found) == 1 and RATES_HZ[0] < (rate := found.pop()) < RATES_HZ[1] else None
+    every = (m for x in lines for at in _BEGINS.finditer(x) if (m := _NUMBER.match(x, at.end())))
+    rates = (_one_rate(m, value, of_step) for m in every for value in _values(m[2], decimal))
+    found = {float(f"{x:.9g}") for x in rates if x is not None}
+    return tuple(sorted(x for x in found if not x <= RATES_HZ[0] and not x >= RATES_HZ[1]))
 
 
-def _one_rate(stated: re.Match[str], of_step: str) -> float | None:
-    """Samples a second that a label, a number and what stands behind it state; None where they state none, NaN where
-    they state several."""
+def _values(number: str, decimal: str) -> list[float]:
+    """What a number may be: two where a mark before three digits is not the file's decimal mark and may divide
+    thousands, none where it has several marks."""
+    try:
+        value = float(number.replace(",", "."))
+    except ValueError:
+        return []
+    thousands = re.fullmatch(r"[1-9]\d{0,2}([.,])\d{3}", number)
+    return [value, 1e3 * value] if thousands and thousands[1] != decimal else [value]
+
+
+def _one_rate(stated: re.Match[str], value: float, of_step: str) -> float | None:
+    """Samples a second that a label, a number of some value and what stands behind it state; None where they state
+    none, NaN where they state several."""
     label, number, after = stated.groups()
     kind, found = next(((k, x) for k in (_RATE, _STEP, _VAGUE_RATE) if (x := k.fullmatch(label))), (None, None))
     behind = _BEHIND.match(after)
@@ -91,12 +104,8 @@ def _one_rate(stated: re.Match[str], of_step: str) -> float | None:
     ):
         return None
     more = _MORE.match(after[behind.end() if behind and behind[1] else 0 :])
-    if more and any(x != number for x in re.findall(r"(?<![\w.,])\d[\d.,]*", more[0])):
+    if more and any(x != number for x in re.findall(r"(?i)(?<![\w.,+-])\d[\d.,]*(?:e[+-]?\d+)?", more[0])):
         return math.nan  # each channel has its own, or 1 000 is meant
-    try:
-        value = float(decimal_point(number))
-    except ValueError:
-        return None
     if rate and found and kind is _VAGUE_RATE and found["bare"] and not (rate[1] or _SAMPLES_PER_S.fullmatch(unit)):
         return None
     if rate:
@@ -114,4 +123,4 @@ def _one_rate(stated: re.Match[str], of_step: str) -> float | None:
 
 def rate_of_step(step: float, lines: Iterable[str]) -> float | None:
     """The same of one channel's step, whose unit lines may hold."""
-    return stated_rate([f"dt = {step!r}", *(x for x in lines if _STEP_UNIT.match(x) or _THINNED.search(x))])
+    return only_rate(stated_rates([f"dt = {step!r}", *(x for x in lines if _STEP_UNIT.match(x) or THINNED.search(x))]))

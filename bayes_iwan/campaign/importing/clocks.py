@@ -12,13 +12,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.importing.formats.stamps import unwrapped
 from bayes_iwan.campaign.recording.records import CampaignError
 
 SAME_TIME = 0.02  # of a step: two samples closer than this were taken together
 PAIRED = 0.9  # of the samples have a partner: no interpolation then
 LONG_GAP = 2.5  # steps: across a longer hole nothing is interpolated
-WRAPS = (2.0**16, 6e4, 3.6e6, 8.64e7, 2.0**24, 2.0**32, 1e3, 1e6, 1e9, 60.0, 3600.0, 43_200.0, 86_400.0, 604_800.0)
 
 
 @dataclass(frozen=True)
@@ -38,13 +36,6 @@ class Series:
         """Without samples that are no number."""
         good = np.isfinite(self.values) & np.isfinite(self.time_s)
         return self if good.all() else replace(self, time_s=self.time_s[good], values=self.values[good])
-
-
-def counted_on(time: Array) -> tuple[Array, str]:
-    """A time channel's values (n,), a counter that wraps counted on, and a word on it."""
-    if not np.isfinite(time).all():
-        return time, ""
-    return unwrapped(time, WRAPS)
 
 
 def runs(time: Array) -> list[slice]:

@@ -1,12 +1,8 @@
 """What recorders do to a channel and a reader must not take for numbers: range passed, values held, coarse steps."""
 
-import re
-from collections.abc import Iterable
-
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.recording.records import shown
 
 OVER = 9e36  # SCPI writes 9.9E37 and 9.91E37 where the range is passed or there is no number
 FAR = 20.0  # times the range of all other values: a code, no measurement
@@ -18,58 +14,6 @@ END_CODES = frozenset(
 FEWEST_WRAPS, MOST_WRAP = 6, 0.8
 FEW_LEVELS = 500  # over a channel's range: fewer are said
 LATTICE = 0.03  # of a step that values may be off its multiples
-#: words of what a file may state of a single channel and nothing here applies: when it starts, what it is multiplied by
-_START = re.compile(
-    r"(?<![^\W_])(t0|delay|latency|skew|(start|time|trigger)[ _-]?offset)(?![^\W\d_])(?!.*\d[-./:]\d\d?[-./:]\d)|"
-    r"(?<![^\W_])start\W+[\d.]+ ?(s|ms|us|sec)\b",
-    re.IGNORECASE,
-)
-_FACTOR = re.compile(
-    r"(?<![^\W_])(gain|factor|multiplier|faktor|verstärkung|sensitivity|empfindlichkeit|sensibilit[ée])(?![^\W\d_])|"
-    r"(?<!vertical )(?<![^\W_])(offset|resolution|auflösung)(?![^\W\d_])(?!.*\bbits?\b)|"
-    r"(?<!vertical )(?<!horizontal )(?<![^\W_])(scal(e|ing)|slope|lsb|calibration|conversion|skalierung)"
-    r"\W*[=:,;\t] *[\d.]+(e[+-]?\d+)? *([^\W\d]\S*)?$",
-    re.IGNORECASE,
-)
-#: the same within a channel's name: 1000*Force, Force/2, Force x 1e3, gain 10, 4 ms late
-_N = r"\d+(?:[.,]\d+)?(?:e[+-]?\d+|\^\d+)?"
-_IN_NAME = re.compile(
-    rf"(?<![\d\s])\s*[*×·/=] ?({_N})\)?(?!\w)|[^\W_][\s_(]+[x×] ?({_N})(?![^\W_])|"
-    rf"(?<![^\W_])({_N}) ?(?:[*×·]|x(?![^\W_]))|[+] ?({_N})|(?<![^\W_])({_N}) ?(?:[mµu]?s|sec|samples?)(?![^\W_])|"
-    r"^(\d+/\d+)(?=[ *])|"
-    r"(?<![^\W_])(?:gain|factor|faktor|scal\w*|amp\w*|mul\w*|times|mal|by|verst\w*|cal\w*|offset|tare|delay\w*|lag\w*)"
-    rf"[\W_]*({_N})",
-    re.IGNORECASE,
-)
-_NUMBERS = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
-
-
-def not_applied(stated: Iterable[str]) -> tuple[str, ...]:
-    """Warnings of statements ("Force delay: 0.008 s", "Gain = 10") that would shift or scale one channel: whether they
-    are in the numbers already no file says. Starts of 0 and factors of 1 change nothing."""
-    out = []
-    for text in stated:
-        for pattern, neutral, fix in (
-            (_START, (0.0,), "a channel that starts late needs its own time column"),
-            (_FACTOR, (0.0, 1.0), "if the numbers do not hold it yet, say so with --gain or --unit"),
-        ):
-            if pattern.search(text) and any(float(x) not in neutral for x in _NUMBERS.findall(text)):
-                out.append(f"the file states {shown(' '.join(text.split()))}, which is not applied: {fix}")
-                break
-    return tuple(dict.fromkeys(out))
-
-
-def stated_in_name(name: str, others: Iterable[str]) -> tuple[str, ...]:
-    """A warning of a factor, offset or delay in a channel's name (Force x10, 4 ms late): whether it is applied no file
-    says. others : all channels' names, which tell an axis or number (Accel x1, Accel x2)."""
-    found = [x for groups in _IN_NAME.findall(name) for x in groups if not re.fullmatch(r"[01]?(?:[.,]0*)?", x)]
-    stem = re.sub(r"[xyz]?\d+", "", name)
-    if not found or any(x != name and re.sub(r"[xyz]?\d+", "", x) == stem for x in others):
-        return ()
-    return (
-        f"{name!r} may name a factor, an offset or a delay, which is not applied: if the numbers do not hold it yet, "
-        "say a factor with --gain or --unit, and give a late channel its own time column",
-    )
 
 
 def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
@@ -131,9 +75,8 @@ def without_repeats(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
     low = int(np.floor(mean))
     broken = 1.2 < mean and np.mean((length == low) | (length == low + 1)) > 0.97 and np.mean(length == low) < 0.9
     jumps = np.abs(np.diff(values[change]))
-    if jumps.size and np.ptp(jumps) <= 1e-6 * jumps.max():
-        return values, ()  # one level at a time: steps of the converter
-    if not whole and not broken:
+    one_by_one = jumps.size and np.ptp(jumps) <= 1e-6 * jumps.max()  # levels: steps of the converter
+    if one_by_one or not (whole or broken):
         return values, ()
     starts = np.concatenate([[0], change]) if not whole or change[0] == usual else change
     kept = np.zeros(values.size, dtype=bool)

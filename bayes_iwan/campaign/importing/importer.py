@@ -14,14 +14,9 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ, cycles_as_time
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import NO_TIME, Assigned, assign, matching, unit_asked
-from bayes_iwan.campaign.importing.clocks import Series, counted_on, paired, runs
-from bayes_iwan.campaign.importing.defects import (
-    coarse_steps,
-    stated_in_name,
-    without_codes,
-    without_repeats,
-    wrapped_round,
-)
+from bayes_iwan.campaign.importing.clocks import Series, paired, runs
+from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats, wrapped_round
+from bayes_iwan.campaign.importing.formats.stamps import unwrapped
 from bayes_iwan.campaign.importing.joining import joined
 from bayes_iwan.campaign.importing.names import named
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
@@ -34,6 +29,7 @@ from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record, check_time, step_warnings
 from bayes_iwan.campaign.recording.records import CampaignError, Record
+from bayes_iwan.campaign.recording.unapplied import said_of_name
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.timing.displacement_drift import without_drift
@@ -49,6 +45,7 @@ _RATE = Question(
     "There is neither a time channel (--time NAME) nor a sample rate (none where rows have no clock, as of a "
     "quasi-static test).",
 )  # fmt: skip
+_SEVERAL = "The file states {} samples a second: which is right?"
 _UNKNOWN = "The time {!r} goes up by {:.4g} a row and states no unit that is known: is it s, ms, us, min or day?"
 STEPS_S = 1e-6, 0.1  # of a time without a unit: what is shorter may be in days, what is longer in ms
 _ROWS = (
@@ -175,7 +172,7 @@ def _tests(recording: Recording, recipe: Recipe, split: bool) -> list[ImportedTe
         raise ImportAsks(recording.where, questions)
     clock, pairs = found.motion_time, ((found.motion_time, found.motion), (found.force_time, found.force))
     parts = [runs(x.values[: c.values.size]) if x is not None else [slice(None)] for x, c in pairs]
-    if clock is not None and counted_on(clock.values)[1]:
+    if clock is not None and unwrapped(clock.values)[1]:
         parts = [[slice(None)], [slice(None)]]
     if len(parts[0]) != len(parts[1]):
         raise CampaignError(
@@ -214,28 +211,25 @@ def _missing(found: Assigned, recording: Recording, recipe: Recipe) -> list[Ques
 def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None = None) -> list[Question]:
     if recipe.sample_rate_hz or recording.rate_hz:
         return []
+    several = " or ".join(f"{x:.6g}" for x in recording.rates_hz if x > 0)
+    no_rate = replace(_RATE, text=_SEVERAL.format(several)) if " " in several else _RATE
     if found is None:
         known = any(c.rate_hz or role_of(c.unit) == "time" or named(c.name, "time") for c in recording.channels)
-        return [] if known else [_RATE]
+        return [] if known else [no_rate]
     for channel, time in ((found.motion, found.motion_time), (found.force, found.force_time)):
-        if time is None and channel.rate_hz is None:
-            return [_RATE]
-        if time is not None and channel.rate_hz is None:
-            steps = np.diff(time.values)
-            if (steps >= 0).all() and np.count_nonzero(steps == 0) > FEW_REPEATED * steps.size:
-                return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
-            if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
-                return [Question("--sample-rate", "", "none", _ROWS.format(time.name))]
-            if moments_unit(time.values) and not time.unit:
-                continue
-            if not recipe.units.get("time", time.unit):
-                step = float(np.median(steps))
-                if (
-                    0 < step < STEPS_S[0]
-                    or step >= STEPS_S[1]
-                    or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name)
-                ):
-                    return [Question("--unit", "time", "ms", _UNKNOWN.format(time.name, step))]
+        if channel.rate_hz is not None:
+            continue
+        if time is None:
+            return [no_rate]
+        steps, unit = np.diff(time.values), recipe.units.get("time", time.unit)
+        if (steps >= 0).all() and np.count_nonzero(steps == 0) > FEW_REPEATED * steps.size:
+            return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
+        if (steps == 1.0).all() and unit in ("", "s", "sec", "Sec", "SEC"):
+            return [Question("--sample-rate", "", "none", _ROWS.format(time.name))]
+        step = float(np.median(steps))
+        odd = 0 < step < STEPS_S[0] or step >= STEPS_S[1] or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name)
+        if odd and not unit and not moments_unit(time.values):
+            return [Question("--unit", "time", "ms", _UNKNOWN.format(time.name, step))]
     return []
 
 
@@ -258,7 +252,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         raw, held = without_repeats(raw, channel.name)
         values, unit, line = scaled(replace(channel, values=raw), role, recipe, where)
         warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit))
-        warnings += stated_in_name(channel.name, (x.name for x in recording.channels))
+        warnings += said_of_name(channel.name, (x.name for x in recording.channels))
         said.append(line)
         in_units.append(unit)
         if time is found.motion_time and series and (time is not None or _alike(found.motion, found.force)):

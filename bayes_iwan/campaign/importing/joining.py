@@ -40,8 +40,7 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
     gone: set[int] = set()
     for members in groups.values():
         some = [held[k] for k in members]
-        whole = set().union(*some) == {"motion", "force"} and sum(map(len, some)) == 2
-        if len(members) > 1 and whole:
+        if set().union(*some) == {"motion", "force"} and sum(map(len, some)) == 2:
             out[members[0]] = _one([pieces[k] for k in members])
             gone.update(members[1:])
             for k in members:
@@ -54,7 +53,7 @@ def _with_times(recordings: Sequence[Recording]) -> list[Recording]:
     """Parts of a file that hold times alone, as a TDMS group does, lend them to the parts that have no clock."""
     times = [x for x in recordings if x.part and all(map(is_time, x.channels))]
     out = []
-    for x in (x for x in recordings if not any(x is y for y in times)):
+    for x in (x for x in recordings if x not in times):
         lent = [replace(c, name=f"{y.part} {c.name}", group="") for y in times if y.file == x.file for c in y.channels]
         if x.rate_hz or any(is_time(c) or c.rate_hz for c in x.channels):
             lent = []
@@ -81,8 +80,7 @@ def _by_file(recording: Recording) -> Recording:
     own = [c for c in recording.channels if not re.fullmatch(r"column \d+|Untitled( \d+)?|channel \d+", c.name)]
     if len(recording.channels) - len(own) != 1 or any(named(c.name, r) for c in own for r in WORDS if r != "time"):
         return recording
-    stem = Path(recording.file).stem
-    name = recording.part or stem
+    name = recording.part or Path(recording.file).stem
     channels = tuple(c if c in own else replace(c, name=name, heading=name) for c in recording.channels)
     return replace(recording, channels=channels)
 
@@ -123,4 +121,4 @@ def _one(pieces: Sequence[Recording]) -> Recording:
     shared = len(begun) == len(pieces) or any(is_time(c) and c.values[0] > YEARS_S[0] for c in channels)
     if not shared and len({x.file for x in pieces}) > 1:
         warnings += ("the files do not say when they began: their times are taken for one clock",)
-    return Recording(first.file, "", tuple(channels), notes, first.rate_hz, warnings)
+    return Recording(first.file, "", tuple(channels), notes, first.rates_hz, warnings)

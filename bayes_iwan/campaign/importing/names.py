@@ -26,8 +26,9 @@ _WITHIN = {
 def named(name: str, role: str) -> bool:
     """Whether a name says that a channel is of a role; of `laser.t` the last part, unless that says nothing or is an
     axis (`wrench.force.x`)."""
-    if re.match(r"t[ _](?=\w\w)", name, re.IGNORECASE) and any(_has_word(name, other) for other in WORDS):
-        return role == "time"  # t_disp: a channel's own
+    timed = re.match(r"t[ _](?=\w\w)", name, re.IGNORECASE) or _has_word(name, "time")
+    if timed and any(_has_word(name, other) for other in WORDS):
+        return role == "time"  # t_disp, Data1_time_Weg: a channel's own
     stem, _, leaf = name.rpartition(".")
     axis = leaf in ("x", "y", "z") and any(_has_word(stem, other) for other in WORDS)
     return _says(leaf if any(_says(leaf, other) for other in WORDS) and not axis else name, role)

@@ -47,7 +47,8 @@ class Recording:
     """The channels that were recorded together: a file, or one of several parts of it.
 
     file : for messages. part : name of the part, "" where the file is one. notes : what was dropped or guessed.
-    rate_hz : as the lines above a table state it, beside whatever time column there is. warnings : what is wrong with
+    rates_hz : as the lines above a table state them, beside whatever time column there is; several where nobody knows
+    which is meant, and NaN. warnings : what is wrong with
     the file, for who reads the test. began_s : when its times were 0, in seconds since 1970 or midnight; None where the
     file does not say.
     """
@@ -56,7 +57,7 @@ class Recording:
     part: str
     channels: tuple[Channel, ...]
     notes: tuple[str, ...] = ()
-    rate_hz: float | None = None
+    rates_hz: tuple[float, ...] = ()
     warnings: tuple[str, ...] = ()
     began_s: float | None = None
 
@@ -66,6 +67,16 @@ class Recording:
     def where(self) -> str:
         """File and part, as messages begin."""
         return self.file + (f", {self.part}" if self.part else "")
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Samples a second, where one rate is stated."""
+        return only_rate(self.rates_hz)
+
+
+def only_rate(rates: Sequence[float]) -> float | None:
+    """The rate of several that there is; None for none, for several, and for one that is not known."""
+    return rates[0] if len(rates) == 1 and rates[0] > 0 else None
 
 
 def channel(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.importing.clocks import counted_on
+from bayes_iwan.campaign.importing.formats.stamps import unwrapped
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.unit_texts import converted, decimal_point
@@ -12,7 +12,8 @@ from bayes_iwan.campaign.recording.records import CampaignError
 
 #: of the years 1982 to 2053, by Excel, by MATLAB and by astronomers (Julian days)
 DAY_NUMBERS = (30_000.0, 60_000.0), (715_000.0, 750_000.0), (2_445_000.0, 2_471_000.0)
-YEARS_S = 3.8e8, 2.6e9  # the same years, in seconds since 1970
+#: of 1992 to 2052, in seconds since 1970; the ticks of .NET, of 100 ns since the year 1, are ns of 1990 today
+YEARS_S = 7e8, 2.6e9
 SINCE_1970 = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SINGLE_S = {"s": 1.0, **SINCE_1970, "min": 60.0, "hour": 3600.0, "day": 86_400.0}
 FEW_REPEATED = 0.02  # of the times: more of them are rounded
@@ -56,7 +57,7 @@ def times_of(
         return np.arange(n) / known + (channel.start_s or 0.0), known, [f"time: {known:.9g} samples a second"], ()
     if clock.values.size != n:
         raise CampaignError(f"{where}: {clock.name!r} has {clock.values.size} samples, {channel.name!r} has {n}")
-    raw, wrapped = counted_on(clock.values)
+    raw, wrapped = unwrapped(clock.values)
     stated = recipe.units.get("time", clock.unit)
     unit = stated or moments_unit(raw) or _unit_of_rate(raw, asked or from_file)
     if unit == "day":

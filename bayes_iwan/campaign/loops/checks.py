@@ -306,7 +306,8 @@ def _angle(loop: Loop) -> list[str]:
         return []
     return [
         f"the force falls by {fallen / height:.0%} of the loop's height before the displacement turns, as viscous "
-        "damping, inertia or a late displacement channel make it: check the delay between the channels"
+        "damping, inertia, a late displacement channel or a force without its sign (absolute value, RMS) make it: "
+        "check the delay between the channels"
     ]
 
 

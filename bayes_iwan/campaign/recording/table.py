@@ -155,11 +155,11 @@ def _is_number(cell: str) -> bool:
 
 def working_unit(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:
     """The working unit of a column, which the end of its name tells (torque_N_m: N·m); None where it tells none."""
-    found = _ending(name, quantities)
+    found = ending(name, quantities)
     return found and next(working for working, units in quantities.items() if found in units)
 
 
-def _ending(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:
+def ending(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:
     """The longest unit that a column's name ends in."""
     units = sorted((x for units in quantities.values() for x in units), key=len, reverse=True)
     return next((x for x in units if name.endswith("_" + x)), None)
@@ -173,7 +173,7 @@ def column(
         meant = nearest(name, names, ". Fix [channels] or the header")
         raise CampaignError(f"{file}: no column {shown(name)}; {header_has(names)}{meant}")
     sizes = {unit: size for units in quantities.values() for unit, size in units.items()}
-    if (unit := _ending(name, quantities)) is None:
+    if (unit := ending(name, quantities)) is None:
         ends = ", ".join("_" + u for u in sizes)
         raise CampaignError(f"{file}: column {shown(name)} does not say its unit; end its name in one of {ends}")
     column = table[:, names.index(name)] * sizes[unit]

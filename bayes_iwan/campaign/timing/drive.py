@@ -1,8 +1,8 @@
 """The drive, assessed first: is this one record one test?
 
 Frequency and amplitude are taken cycle by cycle, before any averaging, and described by whichever is closer: levels
-that are held, or a smooth change. Levels can be split into tests (`split`); a smooth change of more than SMOOTH cannot
-be one test, and is refused. The wave form is not assessed.
+that are held, or a smooth change. Levels can be split into tests (`split_levels`); a smooth change of more than SMOOTH
+cannot be one test, and is refused. The wave form is not assessed.
 """
 
 from dataclasses import dataclass, replace
@@ -252,17 +252,13 @@ def staircase_said(drive: Drive, clock: bool = True) -> str:
     return f"a staircase of {len(pieces)} levels ({shown} {unit}) in one record"
 
 
-def split(record: Record) -> tuple[Record, ...]:
+def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
     """One record for each level of a staircase of amplitudes or frequencies, named _1, _2 ..., with the level's cycles,
-    its own time from 0, and the frequency and amplitude that were found; the record itself where it is steady.
+    its own time from 0, and the frequency and amplitude that were found, and a line for each part that is in no piece;
+    the record itself where it is steady.
 
     Raises CampaignError where the drive drifts, sweeps or wanders instead.
     """
-    return split_levels(record)[0]
-
-
-def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
-    """The same, and a line for each part of the record that is in no piece."""
     drive = assess_drive(record.time_s, record.displacement_mm)
     if drive is None or drive.kind == "steady":
         return (record,), ()

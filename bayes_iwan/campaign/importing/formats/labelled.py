@@ -4,6 +4,7 @@ units."""
 
 import re
 
+from bayes_iwan.campaign.importing.formats.stamps import is_stamp
 from bayes_iwan.campaign.importing.formats.text_layout import MARKS, THOUSANDS
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 
@@ -43,8 +44,9 @@ def _labels(line: str) -> tuple[str, ...]:
 
 def _units(line: str, separator: str) -> tuple[str, ...]:
     cells = line.split(separator)
-    found = [None if _PLAIN.fullmatch(x) else _WITH_UNIT.fullmatch(x) for x in cells]
-    fits = all(bool(_PLAIN.fullmatch(x)) if m is None else is_unit(m[2]) for x, m in zip(cells, found))
+    plain = [bool(_PLAIN.fullmatch(x)) or is_stamp(x.strip(' "')) for x in cells]
+    found = [None if p else _WITH_UNIT.fullmatch(x) for x, p in zip(cells, plain)]
+    fits = all(p or (m is not None and is_unit(m[2])) for p, m in zip(plain, found))
     return (separator, *(m[2] if m else "" for m in found)) if len(cells) > 1 and any(found) and fits else ()
 
 

@@ -21,8 +21,8 @@ def read_lvm(file: str, text: str) -> list[Recording]:
     """One recording a segment, of the text of a .lvm file."""
     lines = text.split("\n")
     ends = [k for k, line in enumerate(lines) if line.startswith(END_OF_HEADER)]
-    head = dict(line.partition("\t" if "\t" in line else ",")[::2] for line in lines[: (ends or [0])[0]])
-    head = {k.strip(): v.strip() for k, v in head.items()}
+    said = (line.partition("\t" if "\t" in line else ",") for line in lines[: ends[0]])
+    head = {k.strip(): v.strip() for k, _, v in said}
     separator = "," if head.get("Separator", "Tab").lower().startswith((",", "comma")) else "\t"
     out = []
     for number, end in enumerate(ends[1:], 1):
@@ -40,12 +40,10 @@ def _segment(
     head: dict[str, str],
 ) -> Recording:  # fmt: skip
     decimal = head.get("Decimal_Separator", ".")[:1] or "."
-    names = [x.strip() for x in (lines or [""])[0].split(separator)]
+    names = [x.strip() for x in (lines or [""])[0].rstrip(f"{separator} ").split(separator)]
     names = names[: names.index("Comment")] if "Comment" in names else names
-    while names and not names[-1]:
-        names.pop()
     own_x = head.get("X_Columns", "One")
-    columns = list(range(1, len(names), 2)) if own_x == "Multi" else list(range(1, len(names)))
+    columns = list(range(1, len(names), 2 if own_x == "Multi" else 1))
     try:
         table = pd.read_csv(
             io.StringIO("\n".join(lines[1:])), sep=separator, decimal=decimal, header=None, names=range(len(names) + 1),
@@ -58,9 +56,7 @@ def _segment(
         ) from None
 
     def of(key: str, place: int) -> str:
-        cells = keys.get(key, [])
-        at = columns[place] - 1
-        return cells[at] if at < len(cells) else ""
+        return "".join(keys.get(key, [])[columns[place] - 1 : columns[place]])
 
     def number_of(key: str, place: int) -> float | None:
         try:

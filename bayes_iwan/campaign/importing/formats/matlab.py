@@ -9,13 +9,11 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
 
-from bayes_iwan.campaign.importing.clock_words import STARTS, stated_rate
-from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.clock_words import STARTS, THINNED, stated_rates
 from bayes_iwan.campaign.importing.formats.stamps import seconds
 from bayes_iwan.campaign.importing.recordings import (
     FEWEST_SAMPLES,
@@ -25,10 +23,12 @@ from bayes_iwan.campaign.importing.recordings import (
     channel,
     from_first,
     library,
+    only_rate,
 )  # fmt: skip
 from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import is_unit
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.unapplied import not_applied
 
 MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
 DEEPEST = 20  # of structs and cells within each other
@@ -70,7 +70,7 @@ def of_variables(file: str, found: Any, what: str, otherwise: str) -> list[Recor
     held = list(flat("", found, 0))
     arrays = [(k, v) for k, v in held if not isinstance(v, str)]
     texts = {k: v for k, v in held if isinstance(v, str)}
-    return _recordings(file, arrays, what, otherwise, texts, *_said_of(arrays, texts))
+    return _recordings(file, arrays, what, otherwise, texts)
 
 
 def read_hdf5(path: Path, file: str) -> list[Recording]:
@@ -79,7 +79,6 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
 
     arrays: list[tuple[str, np.ndarray]] = []
     objects: set[str] = set()
-    units: dict[str, str] = {}
     texts: dict[str, str] = {}
 
     def stated(name: str, item: Any) -> None:
@@ -111,8 +110,6 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
             size, zero = (item.attrs.get(k, neutral) for k, neutral in PACKED.items())
             values = item[()].T  # MATLAB writes columns first
             arrays.append((name, values if size == 1 and zero == 0 else values * size + zero))
-            unit = next((item.attrs[k] for k in ("unit", "units", "Unit", "Units") if k in item.attrs), "")
-            units[name] = _text(unit).partition(" since ")[0]  # as netCDF writes moments
             stated(name, item)
         elif item.dtype.names == ("real", "imag"):
             values = item[()].T
@@ -133,7 +130,6 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
         "MATLAB v7.3 or HDF5",
         f"it holds {held[:200]}; save numbers as vectors ({SAVE}), or save with -v7",
         texts,
-        units,
     )
 
 
@@ -164,18 +160,21 @@ def _kinds(found: dict[str, Any]) -> str:
 def _said_of(arrays: list[tuple[str, np.ndarray]], texts: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     """Units and names that a file's texts say of single arrays, as Simulink, dSPACE and Testlab write them: `label`,
     `Name`, `Unit` in the struct of one array, or anywhere in a variable that holds no other, or `units.force`."""
-    said = {k: t.strip() for k, t in texts.items() if _leaf(k) in LABELS and t.strip()}
-    of_units = {k: t for k, t in said.items() if is_unit(t)}
-    of_names = {k: t for k, t in said.items() if k not in of_units and _leaf(k) not in ("unit", "units")}
+    said = {
+        k: t.partition(" since ")[0].strip() for k, t in texts.items() if _leaf(k) in LABELS and t.strip()
+    }  # netCDF
+    of_units = {k: t for k, t in said.items() if is_unit(t) or _leaf(k) in ("unit", "units")}
     vectors = [k for k, v in arrays if np.size(v) > 1]
+    of_names = {k: t for k, t in said.items() if k not in of_units and k.rpartition(".")[0] not in vectors}
     apart = {_leaf(k): t.strip() for k, t in texts.items() if _leaf(k.rpartition(".")[0]) in ("unit", "units")}
     units, names = {k: apart[_leaf(k)] for k in vectors if _leaf(k) in apart}, {}
     for name in vectors:
         group, top = name.rpartition(".")[0], name.partition(".")[0]
-        if sum(k.rpartition(".")[0] == group for k in vectors) > 1 or not group:
-            continue
-        alone = sum(k.partition(".")[0] == top for k in vectors) == 1
-        units[name], names[name] = (_beside(x, name, group, alone) or "" for x in (of_units, of_names))
+        if sum(k.rpartition(".")[0] == group for k in vectors) > 1:
+            group = ""
+        alone = bool(group) and sum(k.partition(".")[0] == top for k in vectors) == 1
+        unit, names[name] = (_beside(x, name, group, alone) or "" for x in (of_units, of_names))
+        units[name] = unit or units.get(name, "")
     return units, names
 
 
@@ -207,15 +206,16 @@ def _recordings(
     what: str,
     otherwise: str,
     texts: Mapping[str, str],
-    units: Mapping[str, str],
-    names: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Recording]:
+    units, names = _said_of(arrays, texts)
     plain, first = from_first([v for _, v in arrays])
     arrays = [(k, x) for (k, _), x in zip(arrays, plain)]
     channels: list[Channel | None] = []
     rate = None
     numbers = {k: float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1}
-    own_rates = {k: r for k, x in numbers.items() if (r := stated_rate([f"{_leaf(k)} = {x!r}"]))}
+    own_rates = {k: r for k, x in numbers.items() if (r := only_rate(stated_rates([f"{_leaf(k)} = {x!r}"])))}
+    if any(THINNED.search(f"{_leaf(k)} = {x:g}") for k, x in numbers.items()):
+        own_rates = {}  # not all samples were kept
     stamps = {k: found[2] for k, text in texts.items() if (found := seconds([text])) is not None}
     starts = {k: x for k, x in (numbers | stamps).items() if STARTS.fullmatch(_leaf(k)) and "." in k}
     starts = {k: x for k, x in starts.items() if abs(x) < LATEST_S or YEARS_S[0] < x < YEARS_S[1]}
@@ -255,8 +255,8 @@ def _beside(numbers: Mapping[str, Said], name: str, group: str, alone: bool) -> 
         for key, x in numbers.items():
             if parent and key.rpartition(".")[0] == parent:
                 return x
-    top = name.partition(".")[0] + "."
-    return next((x for key, x in numbers.items() if alone and key.startswith(top)), None)
+    within = [f"{group}.", name.partition(".")[0] + "."] if alone else []
+    return next((x for start in within for key, x in numbers.items() if key.startswith(start)), None)
 
 
 def _leaf(name: str) -> str:

@@ -1,6 +1,5 @@
 """Dates and times of day in text columns, as seconds: 12-hour clocks, minutes as Excel shows them, midnight."""
 
-import datetime
 import re
 from collections.abc import Sequence
 
@@ -18,13 +17,15 @@ _PARTS = (
     rf"^(?:(?P<date>{_DATE})[ T,]+)?(?P<a>\d{{1,2}}):(?P<b>\d{{1,2}})(?::(?P<c>\d{{1,2}}))?(?:[.,:](?P<f>\d+))?"
     r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?" + _ZONE + "$"
 )
-_MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
+#: year, month and day as dates order them, where two make sense the first
+_ORDERS = "Ymd Ybd ymd dmY dbY dmy dby mdY bdY mdy bdy".split()
 #: 20240301 115958.123, 20240301T115958
 _COMPACT = re.compile(r"^(\d{4})(\d\d)(\d\d)[ T_-](\d\d)(\d\d)(\d\d)(?!\d)")
 _SPELT = r"\1-\2-\3 \4:\5:\6"
 _DAYS = re.compile(r"^\d+ days? |^\d+\.(?=\d\d:\d\d:)")  # 0 days 00:00:01.5; that midnight passed shows anyway
 _DAY_S = 86_400.0
-_DAY_0 = datetime.date(1970, 1, 1).toordinal()
+#: at which counters and times of day start again
+WRAPS = (2.0**16, 6e4, 3.6e6, 8.64e7, 2.0**24, 2.0**32, 1e3, 1e6, 1e9, 60.0, 3600.0, 43_200.0, _DAY_S, 604_800.0)
 
 
 def is_stamp(cell: str) -> bool:
@@ -69,13 +70,13 @@ def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[A
         out, wrap = 3600.0 * a + 60.0 * b + c + fraction, _DAY_S
     days = _days(dates if dates is not None else parts["date"].tolist())
     if days is not None:
-        return (days - days[0]) * _DAY_S + (out - out[0]), said, (days[0] - _DAY_0) * _DAY_S + out[0]
+        return (days - days[0]) * _DAY_S + (out - out[0]), said, days[0] * _DAY_S + out[0]
     wraps = [wrap] if wrap < _DAY_S else [_DAY_S, _DAY_S / 2]
     out, note = unwrapped(out, wraps)
     return out - out[0], "; ".join(x for x in (said, note) if x), float(out[0])
 
 
-def unwrapped(values: Array, wraps: Sequence[float]) -> tuple[Array, str]:
+def unwrapped(values: Array, wraps: Sequence[float] = WRAPS) -> tuple[Array, str]:
     """A clock (n,) that starts again at one of some periods, counted on; with a word on what was done.
 
     It wraps where a step back and the period together are a usual step forward; other steps back stay as they are.
@@ -83,45 +84,28 @@ def unwrapped(values: Array, wraps: Sequence[float]) -> tuple[Array, str]:
     steps = np.diff(values)
     back = np.flatnonzero(steps < 0)
     forward = steps[steps > 0]
-    if not back.size or not forward.size:
+    if not back.size or not forward.size or not np.isfinite(values).all():
         return values, ""
     usual = float(np.median(forward))
     for wrap in wraps:
         if (np.abs(steps[back] + wrap - usual) <= 2.0 * usual).all():
             jumps = np.zeros(values.size)
             jumps[back + 1] = wrap
-            return values + np.cumsum(
-                jumps
-            ), f"the clock starts again after {wrap:.10g} {back.size} time(s): counted on"
+            said = f"the clock starts again after {wrap:.10g} {back.size} time(s): counted on"
+            return values + np.cumsum(jumps), said
     return values, ""
 
 
 def _days(dates: Sequence[object]) -> Array | None:
-    """(n,) days since some day, the order of day and month being that which makes the record shorter."""
+    """(n,) days since 1970, the order of day and month being that which makes the record shorter; None for no dates."""
     if any(not isinstance(x, str) for x in dates):
         return None
     unique = sorted({str(x).strip() for x in dates})
-    found = []
-    for order in ("ymd", "dmy", "mdy"):
-        days = [_ordinal(x, order) for x in unique]
-        if all(days):
-            found.append(dict(zip(unique, days)))
+    plain = pd.Series(unique).str.replace("[-./ ]", "-", regex=True)
+    ways = (pd.to_datetime(plain, format="-".join(f"%{x}" for x in order), errors="coerce") for order in _ORDERS)
+    found = [x for x in ways if x.notna().all()]
     if not found:
         return None
-    best = min(found, key=lambda x: max(x.values()) - min(x.values()))
-    return np.array([best[str(x).strip()] for x in dates], dtype=float)
-
-
-def _ordinal(date: str, order: str) -> int:
-    """Number of a day; 0 for what is none in this order of year, month and day."""
-    cells = re.split(r"[-./ ]", date)
-    if len(cells) != 3:
-        return 0
-    part = dict(zip(order, cells))
-    month = part["m"].lower()[:3]
-    try:
-        year, day = int(part["y"]), int(part["d"])
-        number = _MONTHS.index(month) + 1 if month in _MONTHS else int(month)
-        return datetime.date(year + 2000 if year < 100 else year, number, day).toordinal()
-    except ValueError:
-        return 0
+    best = (min(found, key=lambda x: x.max() - x.min()) - pd.Timestamp(0)).dt.days
+    days = dict(zip(unique, best))
+    return np.array([days[str(x).strip()] for x in dates], dtype=float)

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_iwan.campaign.importing.clock_words import stated_rate
-from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.clock_words import stated_rates
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, axis, channel, from_first, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.unapplied import not_applied
 
 CUT = (
     "the TDMS file ends before its data do (cut off, or damaged): what is there was read; copy or export it again "
@@ -22,14 +22,14 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
     try:
         nptdms.log.log_manager.set_level(logging.ERROR)  # what it logs of a cut file is said below
         whole = nptdms.TdmsFile.read(path)
-        stated = stated_rate(f"{k} = {v}" for x in (whole, *whole.groups()) for k, v in x.properties.items())
+        stated = stated_rates(f"{k} = {v}" for x in (whole, *whole.groups()) for k, v in x.properties.items())
         sources = [(group.name, source) for group in whole.groups() for source in group.channels()]
         cut: tuple[str, ...] = (CUT,) if whole.file_status.incomplete_final_segment else ()
         cut += not_applied(
             f"{source.name}: {k} = {v}"
             for _, source in sources
             for k, v in source.properties.items()
-            if "Scale[" not in k and not k.startswith("wf_start")
+            if "Scale[" not in k and not k.startswith(("wf_start", "wf_increment"))
         )
         stamps = [np.array([x.properties.get("wf_start_time", "NaT")], "M8[ns]") for _, x in sources]
         arrays, began = from_first([*(source[:] for _, source in sources), *stamps])

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, rate_of_step, stated_rate
-from bayes_iwan.campaign.importing.defects import not_applied
+from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS, rate_of_step, stated_rates
 from bayes_iwan.campaign.importing.formats.json_text import read_json
 from bayes_iwan.campaign.importing.formats.labelled import plain_rows
 from bayes_iwan.campaign.importing.formats.lvm import END_OF_HEADER, read_lvm
@@ -33,6 +32,7 @@ from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Re
 from bayes_iwan.campaign.importing.unit_texts import contradict, is_unit, role_of, split_name
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.table import read_bytes
+from bayes_iwan.campaign.recording.unapplied import not_applied
 
 SAMPLE = 65536  # characters looked at from the start and from the end to find the layout
 SUMMARY = 20  # lines of words below a table at most
@@ -257,12 +257,12 @@ def _recording(
     units = units + [""] * (len(names) - len(units))
     side = [k for k in table if 0 < table[k].notna().sum() < (1 - SIDE) * len(table)]
     beside = [",".join(str(x) for x in row if x == x) for row in table[side].head(40).to_numpy()] if side else []
-    rate = stated_rate([*above, *beside])
+    whole = all(bool((table[k].dropna() % 1 == 0).all()) for k in table if pd.api.types.is_numeric_dtype(table[k]))
+    lines = [";".join(style.cells(x)) if style.separator == "," else x for x in [*above, *beside]]
+    # an oscilloscope's increment stands in the row of units
+    increments = [_number(x, style) for name, x in zip(names, units) if re.fullmatch(r"(?i)increment|delta_?x", name)]
+    rates = tuple(1 / x for x in increments if x and x > 0) or stated_rates(lines, "" if whole else style.decimal)
     labels = _labels([*above, *beside])
-    for name, unit in zip(names, units):  # an oscilloscope's increment stands in the row of units
-        step = _number(unit, style) if re.fullmatch(r"(?i)increment|delta_?x", name) else None
-        if step is not None and 0 < step < np.inf:
-            rate = 1 / step
     starts = _numbers_of(labelled(above, style, len(names), STARTS), style)
     steps = _numbers_of(labelled(above, style, len(names), STEPS), style)
     used = [k for k in table if k not in side and table[k].notna().any() and units[k].lower() != "sequence"]
@@ -276,7 +276,10 @@ def _recording(
             units[k] = "" if two else units[k]
         if name.startswith("column ") and k == numeric[-1]:
             name = labels.get("source", name)
-        unit = unit.strip() or units[k] or _unit_of(name, labels, k == numeric[0], k == numeric[-1])
+        of_label = _unit_of(name, labels, k == numeric[0], k == numeric[-1])
+        unit = unit.strip() or units[k] or of_label
+        if contradict(unit, of_label):
+            name, unit = f"{names[k]}, {of_label}", ""
         heading = names[k] + (f" ({units[k]})" if units[k] else "")
         values, own = table[k].to_numpy(dtype=float), rate_of_step(steps[k], above) if k in steps else None
         channels[k] = Channel(name or f"column {k + 1}", unit, values, own, starts.get(k), heading=heading)
@@ -287,7 +290,7 @@ def _recording(
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
     # what names say is said of those that are used
     stated = [x for x in above if not all(name in x for name in names)]
-    return Recording(file, part, kept, notes, rate, not_applied([*stated, *beside, *_tabled(above, style)]), began)
+    return Recording(file, part, kept, notes, rates, not_applied([*stated, *beside, *_tabled(above, style)]), began)
 
 
 def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
@@ -296,7 +299,7 @@ def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
     for at, head in enumerate(rows):
         for row in rows[at + 1 :]:
             pairs = ((x, y) for x, y in zip(head[1:], row[1:]) if x and not style.is_number(x))
-            yield from (f"{row[0]} {x}: {y}" for x, y in pairs if style.is_number(y))
+            yield from (f"{row[0]} {x}: {y}" for x, y in pairs if re.search("[1-9]", y))
 
 
 def _numbers_of(cells: Sequence[str], style: Style) -> dict[int, float]:

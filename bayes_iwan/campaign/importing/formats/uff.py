@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from bayes_iwan.campaign.importing.defects import not_applied
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, axis, channel, library
 from bayes_iwan.campaign.importing.unit_texts import role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.unapplied import not_applied
 
 #: "specific data type" of an ordinate, in SI
 UNITS = {8: "m", 9: "N", 12: "m/s2", 13: "N", 15: "Pa"}
