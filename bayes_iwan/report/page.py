@@ -339,7 +339,6 @@ class Table:
     what is not a number is an empty cell."""
 
     name: str
-    caption: str
     columns: tuple[str, ...]
     rows: Rows
 
