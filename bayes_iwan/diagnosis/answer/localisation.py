@@ -130,10 +130,8 @@ def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> 
     )
     share = np.maximum(found, 0.0) / np.where(statistics.changing, along, whole)
     numbers = (size, np.minimum(low, size), np.maximum(high, size), np.minimum(share, 1.0), statistics.time, p)
-    out = tuple(
-        Statistic(kind, name, *row, row[-1] < FAMILY_WISE)
-        for (kind, name), row in zip(statistics.names, np.stack(numbers, axis=1).tolist())
-    )
+    rows = zip(*(x.tolist() for x in (*numbers, p < FAMILY_WISE)))
+    out = tuple(Statistic(*name, *row) for name, row in zip(statistics.names, rows))
     turned, null_turned = statistics.turned(residual.value), statistics.turned(null)
     loops = residual.data.loops
     return Where(

@@ -197,7 +197,7 @@ def _gap(power: float, spread: Array, noise: float, left: float, friction: float
     """A gap from its squared estimate and that estimate's distribution around it, reflected (basic bootstrap)."""
     size_N = np.array(_roots(np.array(power), spread))
     shares = size_N / max(friction, 1e-300)
-    return Gap(*size_N.tolist(), *shares.tolist(), float(np.sqrt(noise)), float(np.sqrt(left)))
+    return Gap(*size_N.tolist(), *shares.tolist(), *np.sqrt([noise, left]).tolist())
 
 
 def _roots(power: Array, spread: Array) -> tuple[Array, Array, Array]:
