@@ -266,7 +266,7 @@ def readers() -> dict[str, Reader]:
         "posterior.nc, resealed": Reader(
             (Path("run/posterior.nc"),), lambda: run_files.load("run", campaign), resealed_netcdf
         ),
-        "chains.ckpt": Reader((ckpt,), lambda: checkpoint.read_checkpoint(ckpt, (sampling_run.STAGE,))),
+        "chains.ckpt": Reader((ckpt,), lambda: checkpoint.read_checkpoint(ckpt)),
         "chains.ckpt, resealed": Reader((ckpt,), lambda: _sampled(ckpt, True), resealed_checkpoint),
         "diagnosis.json": Reader(
             (Path("answer/diagnosis.json"),), lambda: read_answer("case", read_diagnosis(Path("answer")))

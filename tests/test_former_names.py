@@ -101,7 +101,7 @@ def test_fits_of_before_are_read_with_the_names_of_now(tmp_path):
     found = read_fits(tmp_path / "fits.json")
     fit = found.fits[frozenset({"cubic_stiffness", "mains_interference"})]
     assert fit.names == ("kp_N_mm", "normal_force_slope", "cubic_stiffness.knee", "mains_interference.third_cosine")
-    assert [e.class_name for e in fit.effects] == ["MainsInterference60", "TrilinearStiffness"]
+    assert [e["class"] for e in fit.effects] == ["MainsInterference60", "TrilinearStiffness"]
     assert found.settings.model.normal_force == "constant" and set(found.settings.parameters) == {"normal_force_slope"}
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
@@ -153,8 +154,7 @@ def agreement(
     best = joint.flat_z()[int(np.argmax(joint.log_prob))]
     if np.isfinite(joint.point.log_prob) and joint.point.log_prob > np.max(joint.log_prob):
         best = joint.point.z
-    noise = {p.name for p in problem.likelihood.parameters}
-    physical = np.array([i for i, name in enumerate(problem.names) if name not in noise])
+    physical = np.array([i for i, name in enumerate(problem.names) if name not in problem.noise_names])
     z = joint.flat_z(replicates)
     at_best = problem.predict(best[None])[0]
     force = problem.predict(z)
@@ -188,7 +188,7 @@ def agreement(
     mean = np.sum(weight * q, axis=0) / np.sum(weight, axis=0)
     t = np.sum(weight * (q - mean) ** 2, axis=0)  # (1 + replicates, quantities)
     # ranks among all, the measured one included: no p-value is ever zero
-    p = _upper_ranks(t)
+    p = 1.0 - (rankdata(t, method="min", axis=0) - 1.0) / len(t)
     worst = p.min(axis=1)
     overall = float(np.mean(worst <= worst[0]))
     moved = np.repeat(best[None], len(groups), axis=0)
@@ -200,18 +200,9 @@ def agreement(
     ), overall
 
 
-def _upper_ranks(t: Array) -> Array:
-    """Share of rows at or above each row's value, column by column."""
-    order = np.sort(t, axis=0)
-    return np.stack(
-        [1.0 - np.searchsorted(order[:, j], t[:, j], side="left") / len(t) for j in range(t.shape[1])], axis=1
-    )
-
-
 def determined_names(joint: Posterior) -> tuple[str, ...]:
     """Scalars of the joint posterior that loops determine: physical parameters and slip-force quantiles."""
     problem = joint.problem
-    noise = {p.name for p in problem.likelihood.parameters}
     variance = dict(zip(problem.names, np.var(joint.flat_z(4000), axis=0)))
     bounded = at_a_bound(joint)
     # numbers of the slip forces' density trade off against each other; its mean and quantiles stand for them
@@ -219,7 +210,7 @@ def determined_names(joint: Posterior) -> tuple[str, ...]:
     chosen = [
         p.name
         for p in problem.prior.free
-        if p.name not in noise
+        if p.name not in problem.noise_names
         and not p.name.startswith(shapes)
         and p.name != "force_zero_N"
         and 1.0 - variance[p.name] > _DETERMINED

@@ -2,13 +2,15 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting, specimen_forces
 from bayes_iwan.effects.base import Effect, EffectError, stages_of
-from bayes_iwan.effects.conditions import following
+from bayes_iwan.effects.conditions import EFFECTS as OF_CONDITIONS
+from bayes_iwan.effects.conditions import FollowsCondition, following
 from bayes_iwan.effects.empirical_patterns import EFFECTS as WITHOUT_CAUSE
 from bayes_iwan.effects.paper_stages import missing_terms
-from bayes_iwan.models import Simulator
+from bayes_iwan.models import Scales, Simulator
 from bayes_iwan.models.simulator import OUTER, offered
 from bayes_iwan.models.user_file import classes_in
 
@@ -48,9 +50,7 @@ def variants(
     def fits(effect: type[Effect]) -> bool:
         return simulator is None or offered(stages_of(effect), simulator)
 
-    for effect in (*BUILT_IN, *FORM, *missing_terms(simulator)):
-        if not fits(effect):
-            continue
+    for effect in filter(fits, (*BUILT_IN, *FORM, *missing_terms(simulator))):
         out[effect.name] = (*out.get(effect.name, ()), effect)
     out |= following(conditions or {}, fits)
     own: dict[str, tuple[Maker, ...]] = {}
@@ -93,3 +93,32 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[type[Effect], ...]:
         if not (isinstance(said, tuple) and len(said) == 4 and all(isinstance(x, str) for x in said)):
             raise EffectError(f"{path}: {effect.__name__}.strength must be four texts: name, symbol, unit, description")
     return found
+
+
+def as_stored(effect: Effect) -> dict[str, object]:
+    """An effect as files name it: its class, its name and what made it."""
+    said: dict[str, object] = {
+        "class": type(effect).__name__, "name": effect.name, "strength_value": effect.strength_value
+    }  # fmt: skip
+    if isinstance(effect, FollowsCondition):
+        said |= {"condition": effect.condition, "values": list(effect.values)}
+    return said
+
+
+def of_stored(
+    stored: Sequence[Mapping[str, Any]],
+    extra: Sequence[type[Effect]],
+    simulator: Simulator,
+    scales: Scales,
+    tests: tuple[str, ...],
+) -> tuple[Effect, ...]:
+    """Effects that :func:`as_stored` said. Raises EffectError for one that is not in the catalogue."""
+    kinds = [k for some in variants(extra, simulator).values() for k in some]
+    classes = {k.__name__: k for k in (*kinds, *UNLISTED, *OF_CONDITIONS) if isinstance(k, type)}
+    out = []
+    for e in stored:
+        if e["class"] not in classes:
+            raise EffectError(f"a stored file names the effect {e['name']!r}, which is not in the catalogue")
+        more = {"condition": e["condition"], "values": tuple(e["values"])} if "condition" in e else {}
+        out.append(classes[e["class"]](scales, tests, e["strength_value"], **more))
+    return tuple(out)

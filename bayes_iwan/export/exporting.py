@@ -199,7 +199,8 @@ def _of_saved_diagnosis(folder: Path, draws: int, campaign: PathLike | None) -> 
         seed, unexplained = int(said["seed"]), (float(said["gap"]["after_rms_N"]), float(said["gap"]["after_share"]))
     read = read_campaign(campaign)
     data = gap_data([x for x in read.loops(**LOOPS) if x.role != "held-out"])
-    fit = rebuilt(stored, stored.fits[max(stored.fits, key=len)], data)
+    with reading(folder / "fits.json", ExportError, "diagnose again"):
+        fit = rebuilt(stored, stored.fits[max(stored.fits, key=len)], data)
     return _of_fit(fit, read, draws, seed, unexplained)
 
 

@@ -6,7 +6,7 @@ rebuilds the simulator), `effects` (class, name and what made it), `parameters` 
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,15 +14,15 @@ import numpy as np
 
 from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects import catalogue, conditions
 from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.catalogue import as_stored, of_stored
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import ExportError, without_zero
 from bayes_iwan.export.laws import OF_THE_RIG
 from bayes_iwan.files import finite, reading
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model, Motion, Scales
-from bayes_iwan.models.simulator import Modifier, recorded_force
+from bayes_iwan.models.simulator import recorded_force
 
 NAME: str = "isolator.json"
 SCHEMA = "bayes_iwan.export 1"
@@ -63,8 +63,7 @@ def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:
     values = problem.prior.values(z)
     kept = [e for e in problem.effects if not isinstance(e, OF_THE_RIG)]
     mine = {p.name for e in kept for p in e.parameters} | {p.name for p in problem.prior.parameters if not p.owner}
-    noise = {p.name for p in problem.likelihood.parameters}
-    inferred = [p for p in problem.prior.parameters if p.name in mine - noise]
+    inferred = [p for p in problem.prior.parameters if p.name in mine - problem.noise_names]
     free = [n for n in problem.names if n in {p.name for p in inferred}]
     draws = np.stack([values[n][1:] for n in free])
     out = {
@@ -74,7 +73,7 @@ def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:
         "model": {n: getattr(model, n) for n in ("slip", "normal_force", "stiffness", "embedded")}
         if isinstance(model, Model)
         else {"simulator": model.name},
-        "effects": [_said(e) for e in kept],
+        "effects": [as_stored(e) for e in kept],
         "parameters": [
             {n: getattr(p, n) for n in ("name", "unit", "description")}
             | {"point": float(values[p.name][0]), "draws": values[p.name][1:].tolist()}
@@ -84,14 +83,6 @@ def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:
         "covariance": np.cov(draws).reshape(len(free), len(free)).tolist() if draws.shape[1] > 1 else None,
     }
     return {NAME: json.dumps(finite(out), indent=1) + "\n"}
-
-
-def _said(e: Modifier) -> dict[str, object]:
-    assert isinstance(e, Effect)
-    said: dict[str, object] = {"class": type(e).__name__, "name": e.name, "strength_value": e.strength_value}
-    if isinstance(e, conditions.FollowsCondition):
-        said |= {"condition": e.condition, "values": list(e.values)}
-    return said
 
 
 def read(path: Path) -> ExportedModel:
@@ -110,17 +101,8 @@ def read(path: Path) -> ExportedModel:
         covariance = np.zeros((0, 0)) if stored["covariance"] is None else np.array(stored["covariance"], float)
         if len({len(x) for x in values.values()}) != 1 or not all(np.isfinite(x).all() for x in values.values()):
             raise ValueError("parameters of different lengths, or not finite")
-        effects, names = _effects(stored["effects"], scales, model), tuple(now(str(n)) for n in stored["names"])
+        effects = of_stored(tuple(map(former_names.effect_of, stored["effects"])), (), model, scales, ())
+        names = tuple(now(str(n)) for n in stored["names"])
         return ExportedModel(
             card=stored["card"], model=model, effects=effects, values=values, names=names, covariance=covariance
         )
-
-
-def _effects(stored: Sequence[Mapping[str, object]], scales: Scales, model: Model) -> tuple[Effect, ...]:
-    kinds = [k for some in catalogue.variants((), model).values() for k in some]
-    classes = {k.__name__: k for k in (*kinds, *conditions.EFFECTS) if isinstance(k, type)}
-    out = []
-    for e in map(former_names.effect_of, stored):
-        more = {"condition": e["condition"], "values": tuple(e["values"])} if "condition" in e else {}
-        out.append(classes[e["class"]](scales, (), e["strength_value"], **more))
-    return tuple(out)

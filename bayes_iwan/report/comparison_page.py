@@ -69,7 +69,7 @@ def comparison_table(comparison: Comparison) -> Table:
                "converged")  # fmt: skip
     ranked = enumerate(comparison.rows(), start=1)
     rows = tuple((i, r.name, r.label, comparison.by, *astuple(r)[2:]) for i, r in ranked)
-    return Table("compare", "Model families ranked", columns, rows)
+    return Table("compare", columns, rows)
 
 
 class ComparisonSection(Section[Comparison]):

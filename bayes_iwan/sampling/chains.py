@@ -24,23 +24,20 @@ class Chains:
     """Production draws of independent ensembles, and their quality.
 
     draws[e, i, w] is walker w of ensemble e after step i + 1 of production. quantities are what the caller's
-    function makes of the same draws. convergence covers names + quantity_names (None if production is too short
+    function makes of the same draws. convergence covers both (None if production is too short
     to say anything). converged says whether all targets were met; message says why the run ended and, if not
     converged, what is short of its target; stop is that reason alone.
     """
 
-    names: tuple[str, ...]
-    quantity_names: tuple[str, ...]
     draws: Array  # (ensembles, stored, walkers, ndim)
     log_prob: Array  # (ensembles, stored, walkers)
-    quantities: Array  # (ensembles, stored, walkers, len(quantity_names))
+    quantities: Array  # (ensembles, stored, walkers, quantities)
     n_steps: int
     convergence: Convergence | None
     converged: bool
     message: str
     stop: Stop
     seed: int
-    seconds: float
 
     def flat(self, n: int | None = None) -> Array:
         """(n, ndim) draws spread evenly over all ensembles, steps and walkers; all of them by default."""

@@ -27,7 +27,7 @@ from bayes_iwan.files import replacing
 
 #: the checkpoint's name in a folder of results
 NAME = "chains.ckpt"
-_MAGIC = b"bayes_iwan checkpoint 2\n"
+_MAGIC = b"bayes_iwan checkpoint 3\n"
 _NOT_OURS = "not what a run of this version has written"
 _HEAD = 40  # bytes before a record's arrays: its length and its checksum
 
@@ -38,23 +38,20 @@ class CheckpointError(InputError):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What a checkpoint holds: the run's state and the draws of each stage up to it, (stored, walkers, ...).
+    """What a checkpoint holds: names of what is sampled, the run's state, and the draws up to it (stored, walkers,
+    ndim) with their log_prob (stored, walkers)."""
 
-    damaged : bytes after the last whole record, which are omitted.
-    """
-
+    names: tuple[str, ...]
     state: Mapping[str, NDArray[Any]]
-    draws: Mapping[str, Array]
-    log_prob: Mapping[str, Array]
-    damaged: int = 0
+    draws: Array
+    log_prob: Array
 
 
 class Checkpoint:
-    """An open checkpoint file: `append` draws of a stage, then `commit` the state that belongs to them."""
+    """An open checkpoint file: each `commit` adds draws and the state that belongs to them."""
 
     def __init__(self, file: BinaryIO, digest: bytes, state: Mapping[str, NDArray[Any]]) -> None:
         self._file, self._digest, self._state = file, digest, dict(state)
-        self._appended: dict[str, list[Array]] = {}
 
     @classmethod
     def create(
@@ -62,16 +59,13 @@ class Checkpoint:
         path: Path,
         fingerprint: Mapping[str, str],
         names: tuple[str, ...],
-        walkers: Mapping[str, int],
+        walkers: int,
         state: Mapping[str, NDArray[Any]],
     ) -> Checkpoint:
-        """A new file at `path`, put there whole with its first state, open for appending.
-
-        walkers : how many walkers each stage has.
-        """
+        """A new file at `path`, put there whole with its first state, open for appending."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        header = {"fingerprint": dict(fingerprint), "names": list(names), "walkers": dict(walkers)}
+        header = {"fingerprint": dict(fingerprint), "names": list(names), "walkers": walkers}
         record, digest = _record({"header": np.array(json.dumps(header))}, b"")
         first, digest = _record(_changes(state, {}), digest)
         with replacing(path) as temporary:
@@ -79,16 +73,14 @@ class Checkpoint:
         return cls(open(path, "ab"), digest, state)
 
     @classmethod
-    def resume(
-        cls, path: Path, fingerprint: Mapping[str, str], names: tuple[str, ...], stages: tuple[str, ...]
-    ) -> tuple[Checkpoint, Snapshot]:
+    def resume(cls, path: Path, fingerprint: Mapping[str, str], names: tuple[str, ...]) -> tuple[Checkpoint, Snapshot]:
         """The last state in `path`, and the file open for going on from it.
 
         Raises CheckpointError if the file is no checkpoint, holds no state yet, or belongs to another run; the
         message names which part of the fingerprint differs.
         """
         journal = _read(path)
-        stored = journal.header["fingerprint"]
+        stored, found = journal.fingerprint, journal.snapshot
         differ = [key for key in sorted({*stored, *fingerprint}) if stored.get(key) != fingerprint.get(key)]
         if differ:
             what = "; ".join(f"{k} was {_short(stored.get(k))}, is {_short(fingerprint.get(k))}" for k in differ)
@@ -96,74 +88,46 @@ class Checkpoint:
                 f"{path}: this checkpoint is of another run ({what}). Give back what it was started with, "
                 "or delete the file (or name another one) to start anew"
             )
-        if journal.header["names"] != list(names):
-            raise CheckpointError(
-                f"{path}: this checkpoint samples {', '.join(journal.header['names'])}, not {', '.join(names)}"
-            )
-        snapshot = journal.snapshot(stages)
+        if found.names != names:
+            raise CheckpointError(f"{path}: this checkpoint samples {', '.join(found.names)}, not {', '.join(names)}")
         file = open(path, "r+b")
         file.truncate(journal.whole)
         file.seek(journal.whole)
-        return cls(file, journal.digest, journal.state), snapshot
+        return cls(file, journal.digest, found.state), found
 
-    def append(self, stage: str, draws: Array, log_prob: Array) -> None:
-        """Add draws (stored, walkers, ndim) and their log_prob (stored, walkers) to a stage, with the next commit."""
-        for kind, values in (("draws", draws), ("log_prob", log_prob)):
-            self._appended.setdefault(f"{kind}/{stage}", []).append(np.asarray(values, dtype=float))
-
-    def commit(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Store the state that belongs to all draws appended so far."""
-        arrays = _changes(state, self._state) | {k: np.concatenate(v) for k, v in self._appended.items()}
-        record, digest = _record(arrays, self._digest)
+    def commit(self, draws: Array, log_prob: Array, state: Mapping[str, NDArray[Any]]) -> None:
+        """Store draws (stored, walkers, ndim), their log_prob (stored, walkers), and the state that belongs to all
+        draws so far."""
+        arrays = {"draws": np.asarray(draws, float), "log_prob": np.asarray(log_prob, float)}
+        record, self._digest = _record(_changes(state, self._state) | arrays, self._digest)
         self._file.write(record)
         self._file.flush()
-        self._digest, self._state, self._appended = digest, dict(state), {}
+        self._state = dict(state)
 
     def close(self) -> None:
         self._file.close()
 
 
-def read_checkpoint(path: Path, stages: tuple[str, ...]) -> tuple[dict[str, str], tuple[str, ...], Snapshot]:
-    """Fingerprint, names and last state of a checkpoint; the file is not changed, and may be one being written."""
-    journal = _read(path)
-    return journal.header["fingerprint"], tuple(journal.header["names"]), journal.snapshot(stages)
+def read_checkpoint(path: Path) -> Snapshot:
+    """The last state of a checkpoint and all draws; the file is not changed, and may be one being written."""
+    return _read(path).snapshot
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Journal:
-    """What the whole records of a file say, folded together; `whole` bytes of it, `damaged` behind them."""
+    """What the whole records of a file say, folded together: `whole` bytes of it, `digest` the last one's checksum."""
 
-    path: Path
-    header: dict[str, Any]
+    fingerprint: dict[str, str]
+    snapshot: Snapshot
     whole: int
     digest: bytes
-    state: dict[str, NDArray[Any]]
-    appended: dict[str, list[Array]]
-    damaged: int = 0
-
-    def snapshot(self, stages: tuple[str, ...]) -> Snapshot:
-        """The last state and all draws. Raises CheckpointError where the records contradict each other."""
-        if not self.state:
-            raise CheckpointError(f"{self.path}: damaged at its start; delete it to start anew")
-        n = len(self.header["names"])
-
-        def together(kind: str, stage: str, *shape: int) -> Array:
-            none = np.empty((0, self.header["walkers"][stage], *shape))
-            return np.concatenate([none, *self.appended.get(f"{kind}/{stage}", [])])
-
-        try:
-            draws = {s: together("draws", s, n) for s in stages}
-            log_prob = {s: together("log_prob", s) for s in stages}
-        except (KeyError, ValueError, TypeError) as error:
-            raise not_ours(self.path, error) from None
-        if any(len(draws[s]) != len(log_prob[s]) for s in stages):
-            raise CheckpointError(f"{self.path}: {_NOT_OURS} (draws without their log_prob); delete it to start anew")
-        return Snapshot(self.state, draws, log_prob, self.damaged)
 
 
 def _read(path: Path) -> _Journal:
     if not Path(path).is_file():
         raise CheckpointError(f"{path}: there is no such file")
+    state: dict[str, NDArray[Any]] = {}
+    draws, log_prob = [], []
     try:
         with open(path, "rb") as file:
             if file.read(len(_MAGIC)) != _MAGIC:
@@ -174,22 +138,27 @@ def _read(path: Path) -> _Journal:
                 raise CheckpointError(f"{path}: damaged at its start; delete it to start anew")
             arrays, digest, whole = first
             header = json.loads(str(arrays["header"]))
-            if not all(
-                isinstance(header[k], t) for k, t in (("fingerprint", dict), ("names", list), ("walkers", dict))
-            ):
+            kinds = {"fingerprint": dict, "names": list, "walkers": int}
+            if not all(isinstance(header[k], kind) for k, kind in kinds.items()):
                 raise CheckpointError(f"{path}: {_NOT_OURS} (its header); delete it to start anew")
-            journal = _Journal(Path(path), header, whole, digest, {}, {})
-            for arrays, journal.digest, journal.whole in records:
-                for key in (k for k in arrays if k.startswith(("draws/", "log_prob/"))):
-                    journal.appended.setdefault(key, []).append(arrays[key])
-                state = journal.state | {k[6:]: v for k, v in arrays.items() if k.startswith("state/")}
-                journal.state = {k: state[k] for k in json.loads(str(arrays["keys"]))}
-            journal.damaged = os.fstat(file.fileno()).st_size - journal.whole
+            names = tuple(header["names"])
+            for arrays, checksum, end in records:
+                digest, whole = checksum, end
+                draws += [arrays["draws"]] if "draws" in arrays else []
+                log_prob += [arrays["log_prob"]] if "log_prob" in arrays else []
+                known = state | {k[6:]: v for k, v in arrays.items() if k.startswith("state/")}
+                state = {k: known[k] for k in json.loads(str(arrays["keys"]))}
+        if not state:
+            raise CheckpointError(f"{path}: damaged at its start; delete it to start anew")
+        every = np.concatenate([np.empty((0, header["walkers"], len(names))), *draws])
+        every_log_prob = np.concatenate([np.empty((0, header["walkers"])), *log_prob])
+        if len(every) != len(every_log_prob):
+            raise CheckpointError(f"{path}: {_NOT_OURS} (draws without their log_prob); delete it to start anew")
     except CheckpointError:
         raise
     except Exception as error:  # a file whose checksums somebody made anew can hold whatever breaks numpy's readers
         raise not_ours(path, error) from None
-    return journal
+    return _Journal(header["fingerprint"], Snapshot(names, state, every, every_log_prob), whole, digest)
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[dict[str, NDArray[Any]], bytes, int]]:

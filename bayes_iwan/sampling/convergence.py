@@ -82,7 +82,7 @@ def convergence_of(
 
     def assessed(column: Array) -> tuple[float, float, float, float]:
         ranks = rank_normalise(column) if _usable(column) else column
-        return *_ranked(column), ess_tail(column), autocorrelation_time(ranks)
+        return *r_hat_and_ess(column), ess_tail(column), autocorrelation_time(ranks)
 
     rows = np.array([*alongside(assessed, [x[..., j] for j in range(x.shape[3])])]).reshape(len(names), 4)
     return Convergence(
@@ -101,21 +101,12 @@ def _apart(x: Array) -> Array:
     return np.moveaxis(x, 2, 1).reshape(-1, x.shape[1], 1)
 
 
-def r_hat(x: Array) -> float:
-    """Rank-normalised split R-hat across ensembles of x (ensembles, steps, walkers): the larger of bulk and folded.
+def r_hat_and_ess(x: Array) -> tuple[float, float]:
+    """Rank-normalised split R-hat across ensembles of x (ensembles, steps, walkers), the larger of bulk and folded, and
+    bulk effective sample size: ranking is most of the work of both.
 
-    NaN for draws that are all equal or not finite; at least two ensembles are needed for it to mean much.
+    NaN for draws that are all equal or not finite; R-hat needs at least two ensembles to mean much.
     """
-    return _ranked(x)[0]
-
-
-def ess_bulk(x: Array) -> float:
-    """Effective sample size of the rank-normalised draws x (ensembles, steps, walkers)."""
-    return _ranked(x)[1]
-
-
-def _ranked(x: Array) -> tuple[float, float]:
-    """R-hat and bulk effective sample size: ranking is most of the work of both."""
     halves = _halves(x)
     if not _usable(halves):
         return np.nan, np.nan

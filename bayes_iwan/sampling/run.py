@@ -33,7 +33,6 @@ from bayes_iwan.sampling.plan import Plan, SamplingError
 from bayes_iwan.sampling.proposals import learnt_moves
 from bayes_iwan.threads import linear_algebra
 
-STAGE = "draws"
 BLOCK = 25  # steps between two commits
 POPULATION = 256  # walkers that are led to the posterior, at least
 _TOGETHER = 32  # walkers that advance together: calls of few rows cost more each
@@ -224,8 +223,7 @@ class EnsembleRun:
                             self._learn()
                         self.block()
                         if file is not None:
-                            file.append(STAGE, self.z[-1], self.log_prob[-1])
-                            file.commit(self.state())
+                            file.commit(self.z[-1], self.log_prob[-1], self.state())
                         bar.set_description("sampling")
                         bar.update(BLOCK)
             except KeyboardInterrupt:
@@ -237,8 +235,6 @@ class EnsembleRun:
             result = self.convergence()
             short = plan.shortfall(result)
         return Chains(
-            names=plan.names,
-            quantity_names=plan.quantity_names,
             draws=self.counted(self.z),
             log_prob=self.counted(self.log_prob),
             quantities=self.counted(self.other),
@@ -248,7 +244,6 @@ class EnsembleRun:
             message=said if not short else f"not converged: {said}; {short}",
             stop=stop,
             seed=plan.seed,
-            seconds=time.monotonic() - self._began,
         )
 
     def _again(self) -> bool:
@@ -261,10 +256,10 @@ class EnsembleRun:
 
     def _opened(self, bar: tqdm) -> Checkpoint | None:
         """The checkpoint, where there is one, and the walkers where it leaves them, else at their starts."""
-        plan, stages = self.plan, {STAGE: self.n_ensembles * self.walkers}
+        plan, walkers = self.plan, self.n_ensembles * self.walkers
         stamp = {**plan.fingerprint, "seed": str(plan.seed), "ensembles": str(self.n_ensembles)}
         if plan.resumed is not None:
-            file, found = Checkpoint.resume(plan.resumed, stamp, plan.names, (STAGE,))
+            file, found = Checkpoint.resume(plan.resumed, stamp, plan.names)
             try:
                 self._restored(found, plan.resumed)
                 self._learn()
@@ -275,7 +270,7 @@ class EnsembleRun:
             self._started(bar)
             file = None
             if plan.checkpoint is not None and not self._hurried:  # else it would be another run that goes on
-                file = Checkpoint.create(plan.checkpoint, stamp, plan.names, stages, self.state())
+                file = Checkpoint.create(plan.checkpoint, stamp, plan.names, walkers, self.state())
             self._learn()
         return file
 
@@ -291,7 +286,7 @@ class EnsembleRun:
             self.at = Places(*(np.asarray(state[name], float).copy() for name in ("x", "drawn", "log_prob")))
             self._led = np.asarray(state["led"], float)
             self.learnt, self.look = int(state["learnt"]), int(state["look"])
-            n, d, z = len(self.at.x), len(self.density.walked), found.draws[STAGE]
+            n, d, z = len(self.at.x), len(self.density.walked), found.draws
             shapes = [self.at.x.shape, self.at.drawn.shape, self.at.log_prob.shape, z.shape[1:]]
             if shapes != [(n, d), (n, self.density.ndim - d), (n,), (n, self.density.ndim)]:
                 raise ValueError(f"arrays of shapes {shapes}")
@@ -304,4 +299,4 @@ class EnsembleRun:
         except (KeyError, ValueError, TypeError, IndexError, OverflowError) as error:
             raise not_ours(path, error) from None
         for first in range(0, len(z), BLOCK):
-            self._keep(z[first : first + BLOCK], found.log_prob[STAGE][first : first + BLOCK])
+            self._keep(z[first : first + BLOCK], found.log_prob[first : first + BLOCK])

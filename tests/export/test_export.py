@@ -13,6 +13,7 @@ import pytest
 import bayes_iwan as bi
 from bayes_iwan import files
 from bayes_iwan.cli import main
+from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
 from bayes_iwan.effects.measuring_chain import ChannelDelay
 from bayes_iwan.effects.specimen_forces import ViscousDamping
 from bayes_iwan.export import TARGETS, ExportError, export, exporting
@@ -133,7 +134,7 @@ def test_a_diagnosis_has_the_method_whether_it_was_written_or_not(made_up_campai
 
 def test_the_folder_of_a_diagnosis_needs_its_campaign(fit, problem_of, tmp_path):
     saved_fits = pytest.importorskip("bayes_iwan.diagnosis.answer.saved_fits")
-    size = SimpleNamespace(share=0.01, length=1.0, along=0.01, spectrum=(), along_spectrum=(), between=(1.0, 1.0, 0.5))
+    size = DiscrepancySize(0.01, 1.0, 0.01, between=(1.0, 1.0, 0.5))
     fits = {frozenset({"viscous_damping", "channel_delay"}): SimpleNamespace(**vars(fit), size=size)}
     settings = bi.DiagnoseSettings(model=ModelSettings(normal_force="constant", stiffness="constant"))
     run_of, campaign = tmp_path / "run", tmp_path / "campaign"

@@ -102,7 +102,7 @@ def test_the_mean_and_quantiles_of_the_slip_forces_are_compared_and_not_the_numb
     middle = np.where(np.array(names) == "beta", -2.5, 0.0)
     quantiles = tuple(f"slip_force_q{x}_N" for x in (25, 50, 75))
     free = [SimpleNamespace(name=x, lower=-2.5, upper=9.0, value=lambda z: z) for x in names]
-    problem = SimpleNamespace(likelihood=SimpleNamespace(parameters=()), names=names, prior=SimpleNamespace(free=free))
+    problem = SimpleNamespace(noise_names=frozenset(), names=names, prior=SimpleNamespace(free=free))
     joint = SimpleNamespace(
         problem=problem,
         flat_z=lambda n: np.maximum(middle + sd * np.random.default_rng(9).standard_normal((n, 9)), -2.5),

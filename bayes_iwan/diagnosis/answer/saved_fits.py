@@ -17,10 +17,7 @@ from bayes_iwan.diagnosis.fits.discrepancy_size import Discrepancy, DiscrepancyS
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_model, base_problem
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import residual_of
-from bayes_iwan.effects import conditions
-from bayes_iwan.effects.base import Effect, EffectError
-from bayes_iwan.effects.catalogue import UNLISTED, load_effects, ordered, variants
-from bayes_iwan.effects.conditions import FollowsCondition
+from bayes_iwan.effects.catalogue import as_stored, load_effects, of_stored, ordered
 from bayes_iwan.errors import InputError
 from bayes_iwan.files import reading, write_json
 from bayes_iwan.inference.setup.config import diagnose_settings_of
@@ -39,21 +36,11 @@ class SavedFitsError(InputError):
 
 
 @dataclass(frozen=True)
-class SavedEffect:
-    """An effect of a fit: its class, and what made it; condition and values where it follows a stated condition."""
-
-    class_name: str
-    name: str
-    strength_value: float
-    condition: str | None = None
-    values: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
 class SavedFit:
-    """One fit: names and z (ndim,) of its parameters, their covariance, and the size of its discrepancy."""
+    """One fit: its effects as :func:`~bayes_iwan.effects.catalogue.as_stored` says them, names and z (ndim,) of its
+    parameters, their covariance, and the size of its discrepancy."""
 
-    effects: tuple[SavedEffect, ...]
+    effects: tuple[Mapping[str, Any], ...]
     names: tuple[str, ...]
     z: Array
     covariance: Array
@@ -74,20 +61,11 @@ class SavedFits:
 def _plain(fit: Fit) -> dict[str, object]:
     """A fit as JSON holds it."""
     return {
-        "effects": [
-            {"class": type(e).__name__, "name": e.name, "strength_value": e.strength_value}
-            | ({"condition": e.condition, "values": list(e.values)} if isinstance(e, FollowsCondition) else {})
-            for e in fit.effects
-        ],
+        "effects": [as_stored(e) for e in fit.effects],
         "names": list(fit.problem.names),
         "z": fit.z.tolist(),
         "covariance": fit.covariance.tolist(),
-        "share": fit.size.share,
-        "length": fit.size.length,
-        "along": fit.size.along,
-        "spectrum": list(fit.size.spectrum),
-        "along_spectrum": list(fit.size.along_spectrum),
-        "between": list(fit.size.between),
+        **asdict(fit.size),
     }
 
 
@@ -133,12 +111,6 @@ def _set_of(key: str) -> frozenset[str]:
 
 
 def _fit(stored: dict[str, Any]) -> SavedFit:
-    effects = tuple(
-        SavedEffect(
-            str(e["class"]), str(e["name"]), float(e["strength_value"]), e.get("condition"), tuple(e.get("values", ()))
-        )
-        for e in map(former_names.effect_of, stored["effects"])
-    )
     z, covariance = np.array(stored["z"], float), np.array(stored["covariance"], float)
     if len(z) != len(stored["names"]) or covariance.shape != (len(z), len(z)):
         raise ValueError("names, z and covariance do not agree")
@@ -146,6 +118,7 @@ def _fit(stored: dict[str, Any]) -> SavedFit:
     loops, changes = (tuple(map(float, stored[k])) for k in ("spectrum", "along_spectrum"))
     frequency, amplitude, alone = map(float, stored["between"])
     size = DiscrepancySize(share, length, along, loops, changes, (frequency, amplitude, alone))
+    effects = tuple(map(former_names.effect_of, stored["effects"]))
     return SavedFit(effects, tuple(former_names.parameters_in(str(n)) for n in stored["names"]), z, covariance, size)
 
 
@@ -176,15 +149,7 @@ def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
     extra = load_effects(stored.effects_file) if stored.effects_file else ()
     scales, file = stored.scales, stored.simulator_file
     simulator = load_simulator(file) if file else base_model(stored.settings, scales)
-    kinds = [k for some in variants(extra, simulator).values() for k in some]
-    classes = {k.__name__: k for k in (*kinds, *UNLISTED, *conditions.EFFECTS) if isinstance(k, type)}
-    files = tuple(x.file for x in data.loops)
-    effects: list[Effect] = []
-    for spec in one.effects:
-        if spec.class_name not in classes:
-            raise EffectError(f"fits.json names the effect {spec.name!r}, which is not in the catalogue")
-        more = {} if spec.condition is None else {"condition": spec.condition, "values": spec.values}
-        effects.append(classes[spec.class_name](scales, files, spec.strength_value, **more))
+    effects = of_stored(one.effects, extra, simulator, scales, tuple(x.file for x in data.loops))
     problem = base_problem(data, stored.settings, scales, simulator).with_effects(ordered(effects))
     keep = [n for n in problem.names if n in one.names]
     if len(keep) != len(

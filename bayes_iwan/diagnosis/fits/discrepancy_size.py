@@ -66,12 +66,9 @@ class DiscrepancySize:
         """λ of the loops' first `count` harmonics, the mean's included."""
         return _padded(self.spectrum, count)
 
-    def along_factors(self, count: int) -> Array:
-        """The same of their changes along the record."""
-        return _padded(self.along_spectrum, count)
-
 
 def _padded(factors: tuple[float, ...], count: int) -> Array:
+    """(count,) the first λ, 1 where there are none."""
     out = np.ones(count)
     out[: len(factors)] = factors[:count]
     return out
@@ -125,7 +122,7 @@ class Discrepancy:
 
     def factors(self, size: DiscrepancySize) -> Array:
         """(lambdas,) a size's λ."""
-        return np.r_[size.factors(self.orders), size.along_factors(self.lambdas - self.orders)]
+        return np.r_[size.factors(self.orders), _padded(size.along_spectrum, self.lambdas - self.orders)]
 
     def variance(self, size: DiscrepancySize) -> Array:
         """(m,) variance of each row."""
@@ -159,7 +156,7 @@ class Discrepancy:
     def spectrum(self, residual: Array, sizes: Sizes) -> tuple[Array, Array]:
         """Geometric posterior mean of every λ, (sizes, lambdas), given the residuals at several sizes (sizes, m), and
         ln ∫ Π p(residual | λ) p(λ), (sizes,), without the constants of 2π."""
-        table = self._table(sizes)
+        table = self.table(sizes)
         cost = np.zeros_like(table.cost)
         _by_order(np.ascontiguousarray(residual**2), table.precision, self.which, cost)
         by_order = table.cost - 0.5 * cost
@@ -167,11 +164,8 @@ class Discrepancy:
         mean = np.exp(by_order - whole[:, :, None]) @ LN_SPECTRUM
         return np.exp(mean), whole.sum(axis=1)
 
-    def shape(self, sizes: Sizes) -> Array:
-        """(sizes, m) variance of each row's discrepancy at λ = 1."""
-        return self._table(sizes).shape
-
-    def _table(self, sizes: Sizes) -> _Table:
+    def table(self, sizes: Sizes) -> _Table:
+        """What is the same for every residual at these sizes."""
         if sizes not in self._tables:
             shape = np.stack([self._shape(*size) for size in sizes])
             variance = 1.0 + shape[:, :, None] * np.exp(LN_SPECTRUM)
@@ -231,19 +225,15 @@ class Linear:
         """(m,) see :meth:`Discrepancy.variance`."""
         return self.discrepancy.variance(size)
 
-    def step(self, size: DiscrepancySize) -> tuple[Array, Array, Array]:
-        """One Gauss–Newton step from z at a size of the discrepancy: the stepped z, its precision, the residual
-        there."""
-        sd = np.sqrt(self.variance(size))
-        j, r = self.jacobian / sd[:, None], self.residual / sd
-        precision = np.asarray(j.T @ j + np.eye(len(self.z)))
-        z = np.asarray(np.linalg.solve(precision, j.T @ (r + j @ self.z)))  # minimise |r − J(z' − z)|² + |z'|²
-        return z, precision, self.residual - self.jacobian @ (z - self.z)
+    def precision(self, size: DiscrepancySize) -> Array:
+        """(ndim, ndim) that of z at a size of the discrepancy."""
+        j = self.jacobian / np.sqrt(self.variance(size))[:, None]
+        return np.asarray(j.T @ j + np.eye(len(self.z)))
 
     def evidence(self, sizes: Sizes) -> Stepped:
         """ln evidence at sizes of the discrepancy by Gauss–Newton steps from z, the harmonics' λ integrated out."""
         discrepancy, n = self.discrepancy, len(self.z)
-        shape, turned = discrepancy.shape(sizes), self.jacobian.T
+        shape, turned = discrepancy.table(sizes).shape, self.jacobian.T
         target = self.residual + self.jacobian @ self.z  # minimise |r − J(z' − z)|² + |z'|²
         factors = np.ones((len(sizes), discrepancy.lambdas))
         left = self.residual

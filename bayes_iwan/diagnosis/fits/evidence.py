@@ -208,8 +208,7 @@ def beside(
     rows = Rows(data, fit.problem, size.between)
     found = rows.fit(np.array(starts), size, iterations, known if fit.size.between == size.between else None)
     linear = rows.linear(found.x[found.best])
-    _, precision, _ = linear.step(size)
-    covariance = np.asarray(np.linalg.inv(precision))
+    covariance = np.asarray(np.linalg.inv(linear.precision(size)))
     return replace(fit, z=linear.z, size=size, covariance=covariance, optima=linear.z[None], linear=linear)
 
 
@@ -240,9 +239,8 @@ def _weighed(data: GapData, problem: Problem, z: Array) -> _Grid:
 
 def _grid(rows: Rows, linear: Linear) -> _Grid:
     along, change = float(ALONG_SHARES[0]), 0.0
-    if (
-        linear.discrepancy.changing.any()
-    ):  # the change along the record has its own size, found where the loops' is best
+    if linear.discrepancy.changing.any():
+        # the change along the record has its own size, found where that of the loops is best
         share, length, _ = _COARSE[int(np.argmax(_borne_out(rows, linear, _COARSE).log_z))]
         by_change = _borne_out(rows, linear, tuple((share, length, float(b)) for b in ALONG_SHARES)).log_z
         along = float(ALONG_SHARES[int(np.argmax(by_change))])

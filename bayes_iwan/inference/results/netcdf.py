@@ -7,7 +7,7 @@ import io
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -168,22 +168,15 @@ def _attributes(posterior: Posterior, folder: Path) -> dict[str, object]:
         relative = _relative(campaign.path, folder)
         where = dict(zip(where, (campaign.name, str(campaign.path.resolve()), relative)))
     out: dict[str, object] = {"format": FORMAT, "stop": posterior.stop.name, **plain, **where}
-    return out | {name: json.dumps(value) for name, value in texts.items()}
+    return out | {name: json.dumps(value, default=np.ndarray.tolist) for name, value in texts.items()}
 
 
-def _plain_point(point: Point) -> dict[str, object]:
-    def plain(value: object) -> object:
-        if isinstance(value, np.ndarray):
-            return value.tolist()
-        if isinstance(value, tuple):
-            return [plain(x) for x in value]
-        if isinstance(value, GlobalOptimum):  # without its populations
-            return {
-                k: plain(getattr(value, k)) for k in (f.name for f in fields(value)) if k not in ("first", "population")
-            }
-        return value
-
-    return {f.name: plain(getattr(point, f.name)) for f in fields(point)}
+def _plain_point(point: Point) -> dict[str, Any]:
+    """A point's fields, without the populations of its searches."""
+    plain = asdict(point)
+    for search in plain["searches"]:
+        del search["first"], search["population"]
+    return plain
 
 
 def _point_of(plain: Mapping[str, Any]) -> Point:

@@ -70,11 +70,10 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
     if not all(x.holds for x in posterior.held_out):
         out.append(held_out_said(posterior.held_out))
     z, prior = posterior.flat_z(4000), posterior.problem.prior
-    noise = {p.name for p in posterior.problem.likelihood.parameters}
     bounds = at_a_bound(posterior)
     for p, score in zip(prior.free, np.median(z, axis=0)):
         end = ("upper" if score > 0.0 else "lower") if abs(score) > AT_THE_END else bounds.get(p.name, "")
-        if end and p.name not in noise:
+        if end and p.name not in posterior.problem.noise_names:
             far = f", {abs(score):.2g} prior sd from its median" if abs(score) > AT_THE_END else ""
             out.append(
                 f"{p.name} lies at the {end} end of its prior ({p.prior_text()}{far}). Widen the prior, or look for an "

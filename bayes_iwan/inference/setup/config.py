@@ -10,7 +10,6 @@ little? [likelihood]       kind: correlated, unweighted, matern, gaussian or lap
 A table or a parameter that a command would not use is refused, not dropped.
 """
 
-import difflib
 import math
 import os
 import tomllib
@@ -21,7 +20,7 @@ from typing import Any, TypeVar
 
 from bayes_iwan import former_names
 from bayes_iwan.campaign.loops.resolution import POINTS
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.inference.setup.settings import (
     DiagnoseSettings,
     IdentifySettings,
@@ -35,7 +34,7 @@ from bayes_iwan.inference.setup.settings import (
 )
 
 S = TypeVar("S")
-_TABLES: dict[str, type] = {
+_TABLES: dict[str, type[Any]] = {
     "loops": LoopSettings,
     "model": ModelSettings,
     "likelihood": LikelihoodSettings,
@@ -91,29 +90,22 @@ def settings_of(config: Config = None, unused: Mapping[str, str] | None = None) 
     for table, reason in (unused or {}).items():
         if table in given:
             raise ConfigError(f"{where}: [{table}] is not used here, {reason}; remove it")
-    loops = _filled(LoopSettings, "loops", given, where)
+    filled = {table: _filled(kind, table, given, where) for table, kind in _TABLES.items()}
+    loops = filled["loops"]
     phases = loops.n_phase or POINTS
     if phases < 2 * loops.n_harmonics + 2:
         raise ConfigError(
             f"{where} [loops]: {phases} phases cannot show {loops.n_harmonics} harmonics; make n_phase at least "
             f"{2 * loops.n_harmonics + 2} or n_harmonics at most {phases // 2 - 1}"
         )
-    model = _filled(ModelSettings, "model", given, where)
-    return IdentifySettings(
-        loops,
-        model,
-        _filled(LikelihoodSettings, "likelihood", given, where),
-        _filled(SearchSettings, "search", given, where),
-        _filled(SamplingSettings, "sampling", given, where),
-        _changes(given, where),
-    )
+    return IdentifySettings(**filled, parameters=_changes(given, where))
 
 
 def diagnose_settings_of(config: DiagnoseSettings | Config = None, own_simulator: bool = False) -> DiagnoseSettings:
     """The settings of a diagnosis. Raises ConfigError, also for what a diagnosis does not use."""
     if isinstance(config, DiagnoseSettings):
         return config
-    given, where = _tables(config.as_dict() if isinstance(config, IdentifySettings) else config)
+    given, where = _tables(config)
     _known(given, {*_TABLES, "parameters"}, where, "table")
     for table in given:
         if table not in ("model", "parameters"):
@@ -242,6 +234,5 @@ def _known(table: Mapping[str, object], known: Collection[str], where: str, what
         if key not in known:
             if said := former_names.renamed(key, former_names.MODEL_PARTS):
                 raise ConfigError(f"{where}: {_shown(key)} {said}")
-            near = difflib.get_close_matches(str(key), known, 1)
-            fix = f"did you mean {near[0]!r}?" if near else f"use {', '.join(sorted(known))}"
-            raise ConfigError(f"{where}: unknown {what} {_shown(key)}; {fix}")
+            fix = nearest(key, known, f"; use {', '.join(sorted(known))}")
+            raise ConfigError(f"{where}: unknown {what} {_shown(key)}{fix}")

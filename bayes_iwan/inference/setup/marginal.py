@@ -65,8 +65,7 @@ class Marginal:
         follow; the others of the simulator and the effects; the likelihood's."""
         p, names = self.problem, [self.problem.names[i] for i in self.walked]
         first = {"k1_N_mm", *slip_force_names(p.model, p.scales)} if isinstance(p.model, Model) else ()
-        noise = {q.name for q in p.likelihood.parameters}
-        which = np.array([0 if n in first else 2 if n in noise else 1 for n in names])
+        which = np.array([0 if n in first else 2 if n in p.noise_names else 1 for n in names])
         return tuple(np.flatnonzero(which == k) for k in range(3) if np.any(which == k))
 
     def __call__(self, x: Array, random: np.random.RandomState) -> Array:

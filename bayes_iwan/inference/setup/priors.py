@@ -6,7 +6,6 @@ over z is the standard normal: the Jacobian of the map is part of it exactly. Fo
 logarithm. Least squares sees the prior as rows of residuals, z itself.
 """
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,6 +15,7 @@ from scipy import stats
 
 from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, brief
+from bayes_iwan.errors import nearest
 from bayes_iwan.inference.setup.settings import ParameterChange, PriorChoice
 from bayes_iwan.models.parameter import Z_LIMIT, Distribution, Parameter, ParameterError, Together
 
@@ -89,9 +89,9 @@ def configured(parameters: Sequence[Parameter], changes: Mapping[str, ParameterC
         if name not in by_name:
             if said := former_names.renamed(name, former_names.PARAMETERS):
                 raise ParameterError(f"[parameters.{name}]: {name} {said}")
-            near = difflib.get_close_matches(name, by_name, 1)
-            hint = f"did you mean {near[0]!r}? " if near else ""
-            raise ParameterError(f"[parameters.{name}]: no such parameter; {hint}there are {', '.join(by_name)}")
+            raise ParameterError(
+                f"[parameters.{name}]: no such parameter{nearest(name, by_name, ';')} there are {', '.join(by_name)}"
+            )
         new = by_name[name]
         if change.prior is not None:
             new = replace(new, prior=_frozen(name, change.prior), lower=-np.inf, upper=np.inf)

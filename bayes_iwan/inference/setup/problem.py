@@ -83,6 +83,11 @@ class Problem:
         """Free parameters, in z's order."""
         return self.prior.names
 
+    @cached_property
+    def noise_names(self) -> frozenset[str]:
+        """Parameters of the likelihood, free or not."""
+        return frozenset(p.name for p in self.likelihood.parameters)
+
     @property
     def units(self) -> Units:
         """What displacement and force are measured in."""
@@ -262,8 +267,7 @@ def make_problem(
     units = fitted[0].record.units
     parameters = [replace(p, unit=units.text(p.unit), description=units.text(p.description)) for p in parameters]
     problem = Problem(fitted, scales, model, Prior(configured(parameters, settings.parameters)), likelihood)
-    noise = {p.name for p in likelihood.parameters}
-    if all(name in noise for name in problem.names):
+    if all(name in problem.noise_names for name in problem.names):
         raise ParameterError("every parameter of the model is fixed or tied; leave at least one of them free")
     return problem
 

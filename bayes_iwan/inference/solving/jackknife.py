@@ -32,8 +32,7 @@ def stretched(problem: Problem, z: Array, seed: int) -> tuple[Array, float]:
     they agree, and for a single test. A draw that cannot be moved stays. Noise parameters keep their place among the
     others."""
     marginal = Marginal(problem, also=())
-    noise = {p.name for p in problem.likelihood.parameters}
-    moved = np.flatnonzero([problem.names[i] not in noise for i in marginal.walked])
+    moved = np.flatnonzero([problem.names[i] not in problem.noise_names for i in marginal.walked])
     if len(problem.loops) < 2:
         return z, 1.0
     x = z[:, marginal.walked]

@@ -128,17 +128,13 @@ def find_point(problem: Problem, seed: int, settings: SearchSettings, progress: 
 def _searched(problem: Problem) -> NDArray[np.int64]:
     """Coordinates that Eq. (8) is minimised over: those of the paper's model, without noise and embedded model
     error."""
-    others = _noise_names(problem) | set(EMBEDDED)
+    others = problem.noise_names | set(EMBEDDED)
     return np.array([i for i, name in enumerate(problem.names) if name not in others], dtype=np.int64)
 
 
 def _even(population: Array, count: int = 6) -> NDArray[np.int64]:
     """Places spread over a population, its best member first."""
     return np.linspace(0, len(population) - 1, count).astype(np.int64)
-
-
-def _noise_names(problem: Problem) -> set[str]:
-    return {p.name for p in problem.likelihood.parameters}
 
 
 def _embedded(problem: Problem, columns: NDArray[np.int64], x: Array) -> Array:
@@ -203,7 +199,7 @@ def most_probable(problem: Problem, starts: Array) -> tuple[Array, Array, int]:
 
     Least squares from each start with the noise held at what the start says, then with all parameters free.
     """
-    noise = np.array([name in _noise_names(problem) for name in problem.names])
+    noise = np.array([name in problem.noise_names for name in problem.names])
     free = np.flatnonzero(~noise)
     held = starts.copy()
     used = 0

@@ -282,7 +282,7 @@ def _read(job: Job, name: str) -> Finished:
 def _write(result: Batch, out: Path) -> None:
     table = result.table()
     table.write_csv(out)
-    failures = Table("failures", "Failures", ("specimen", "reason"), tuple(result.failures.items()))
+    failures = Table("failures", ("specimen", "reason"), tuple(result.failures.items()))
     failures.write_csv(out)
     write_sheet(result, out / "sheet.pdf")
     _write_excel(table, out / "batch.xlsx")

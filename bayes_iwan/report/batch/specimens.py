@@ -161,7 +161,7 @@ class Batch:
             row["lot"] = self.lots.get(str(row["specimen"]))
         filled = [tuple(empty[c] if row.get(c) is None else row[c] for c in columns) for row in rows]
         head = tuple(self.group or "lot" if c == "lot" else c for c in columns)
-        return Table("batch", "Specimens", head, tuple(sorted(filled, key=lambda r: str(r[0]))))
+        return Table("batch", head, tuple(sorted(filled, key=lambda r: str(r[0]))))
 
 
 def lots_of(folder: Path, group: str) -> dict[str, str]:

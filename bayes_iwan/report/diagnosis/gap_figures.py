@@ -36,10 +36,6 @@ class GapPictures:
     size: GapSize
 
     @property
-    def clock(self) -> bool:
-        return self.where.clock
-
-    @property
     def names(self) -> list[str]:
         """Of the tests."""
         return [test_name(x, role=False) for x in self.loops]
@@ -48,11 +44,6 @@ class GapPictures:
     def gap_N(self) -> Array:
         """(T,) RMS."""
         return np.array([g.rms_N for g in self.size.tests])
-
-    @property
-    def significant(self) -> list[bool]:
-        """Is a test's gap more than a right model would leave?"""
-        return [x.significant or y.significant for x, y in zip(self.where.of("test"), self.where.of("trend"))]
 
 
 def panel_a_test(count: int, height: float = 2.2) -> tuple[Figure, list[Axes]]:
@@ -158,7 +149,7 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
 def gap_growth_figure(p: GapPictures) -> Figure:
     """The gap of each test against frequency and against amplitude, with 90 % intervals (T,); open: no finding."""
     low_N, high_N = np.array([(g.low_N, g.high_N) for g in p.size.tests]).T
-    gap_N, found, f, a = p.gap_N, p.significant, p.where.frequency_hz, p.where.amplitude_mm
+    gap_N, found, f, a = p.gap_N, p.where.stands_out, p.where.frequency_hz, p.where.amplitude_mm
     figure, axes = subplots(1, 2, 7.0, 3.2, sharey=True)
     floor = max(float(np.min(np.where(gap_N > 0, gap_N, np.inf))), 1e-9) if np.any(gap_N > 0) else 1e-6
     pairs = ((axes[0, 0], f, a, "frequency (Hz)", "mm"), (axes[0, 1], a, f, "amplitude (mm)", "Hz"))
@@ -246,7 +237,7 @@ def figures_of_gap(p: GapPictures) -> dict[str, Callable[[], Figure]]:
         "gap_regions": partial(gap_regions_figure, p.where.of("region")),
         "gap_harmonics": partial(gap_harmonics_figure, p),
     }
-    if p.clock:
+    if p.where.clock:
         out["gap_growth"] = partial(gap_growth_figure, p)
     if any(len(x) > 1 for x in p.size.cycle):
         out["gap_cycles"] = partial(gap_cycles_figure, p)

@@ -144,4 +144,4 @@ def frequencies_table(frequencies: Frequencies) -> Table:
             found = spread(np.asarray(quantity.values, dtype=float))
             rows.append((label, name, quantity.unit, *found, float(p.get(name, float("nan")))))
     columns = ("frequency", "name", "unit", "mean", "sd", "q05", "q25", "median", "q75", "q95", "agreement_p")
-    return Table("per_frequency", "Each frequency alone and all together", columns, tuple(rows))
+    return Table("per_frequency", columns, tuple(rows))

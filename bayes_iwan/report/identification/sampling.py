@@ -15,7 +15,6 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.style import decimal_ticks, one_panel, series, styled, subplots
 from bayes_iwan.sampling.checkpoint import NAME, CheckpointError, read_checkpoint
 from bayes_iwan.sampling.convergence import autocorrelation_time
-from bayes_iwan.sampling.run import STAGE
 
 
 @dataclass(frozen=True)
@@ -32,10 +31,10 @@ def history(posterior: Posterior, folder: str | os.PathLike[str] | None = None) 
     ensembles = posterior.z.shape[0]
     if path is not None and path.is_file():
         with contextlib.suppress(CheckpointError):  # the posterior stands without the file it was drawn through
-            _, names, snapshot = read_checkpoint(path, (STAGE,))
+            found = read_checkpoint(path)
             counted = int(posterior.timings.get("steps", 0))
-            draws = snapshot.draws[STAGE][-counted or None :]
-            if tuple(names[: posterior.ndim]) == posterior.names and len(draws) >= 4:
+            draws = found.draws[-counted or None :]
+            if found.names[: posterior.ndim] == posterior.names and len(draws) >= 4:
                 z = np.moveaxis(draws.reshape(len(draws), ensembles, -1, draws.shape[2]), 0, 1)
                 return History(z, 1.0)
     z = posterior.z.reshape(ensembles, posterior.walkers, -1, posterior.ndim)

@@ -99,9 +99,8 @@ class Answer(IdentifiedSection):
     def open(self) -> list[str]:
         """What these loops leave open, a line each."""
         p = self.r.posterior
-        noise = {q.name for q in p.problem.likelihood.parameters}
         shrunk = zip(p.problem.prior.free, contraction(p.flat_z(4000)))
-        loose = [q for q, c in shrunk if c < OPEN and q.name not in noise]
+        loose = [q for q, c in shrunk if c < OPEN and q.name not in p.problem.noise_names]
         terms = [q.symbol for q in loose if q.name in SLIP_NAMES]
         said = [f"{q.symbol} ({q.description})" for q in loose if q.name not in SLIP_NAMES]
         said += [f"{', '.join(terms)} (deviations of the slip forces' density)"] if terms else []
@@ -141,9 +140,8 @@ def _asked(posterior: Posterior) -> list[str]:
     """Names of the quantities that the answer opens with: the first three, or a user's own model's determined ones."""
     if isinstance(posterior.problem.model, Model):
         return [n for n in _FIRST if n in posterior.quantities()]
-    noise = {q.name for q in posterior.problem.likelihood.parameters}
     shrunk = dict(zip(posterior.names, contraction(posterior.flat_z(4000))))
-    return [n for n in posterior.names if n not in noise and shrunk[n] >= OPEN][:6]
+    return [n for n in posterior.names if n not in posterior.problem.noise_names and shrunk[n] >= OPEN][:6]
 
 
 def _number_row(posterior: Posterior, name: str) -> tuple[str, str, str]:

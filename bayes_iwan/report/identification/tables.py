@@ -104,13 +104,13 @@ def parameters_table(posterior: Posterior) -> Table:
         last = (float(eq8[p.name][0]), p.prior_text(), float(c))
         rows.append((p.name, p.symbol, p.unit, p.description, *spread(values[p.name]), *last))
     columns = ("name", "symbol", "unit", "description", *_STATISTICS, "eq8_minimum", "prior", "contraction")
-    return Table("parameters", "Sampled parameters", columns, tuple(rows))
+    return Table("parameters", columns, tuple(rows))
 
 
 def paper_table(posterior: Posterior) -> Table:
     """What the simulator derives from its sampled parameters: the paper's (Table 1) for the Iwan model."""
     rows: Rows = tuple((n, paper_symbol(n), q.unit, *spread(q.values)) for n, q in posterior.derived().items())
-    return Table("paper_parameters", "The paper's parameters", ("name", "symbol", "unit", *_STATISTICS), rows)
+    return Table("paper_parameters", ("name", "symbol", "unit", *_STATISTICS), rows)
 
 
 def quantities_table(posterior: Posterior) -> Table:
@@ -120,7 +120,7 @@ def quantities_table(posterior: Posterior) -> Table:
         for name, q in posterior.quantities().items()
     )
     columns = ("name", "unit", *_STATISTICS, "reach")
-    return Table("quantities", "Reported quantities", columns, rows)
+    return Table("quantities", columns, rows)
 
 
 def loops_table(loops: Sequence[LoopRow]) -> Table:
@@ -133,7 +133,7 @@ def loops_table(loops: Sequence[LoopRow]) -> Table:
     for x in loops:
         compared: tuple[Cell, ...] = (*astuple(x.energy_mJ), *astuple(x.stiffness_N_mm), *astuple(x.loss_factor))
         rows.append((x.file, x.test, x.role, x.rms_residual_N, x.residual_share, *compared))
-    return Table("loops", "Loops, measured and predicted", tuple(columns), tuple(rows))
+    return Table("loops", tuple(columns), tuple(rows))
 
 
 def convergence_rows(posterior: Posterior) -> tuple[ConvergenceRow, ...]:
@@ -149,13 +149,13 @@ def convergence_rows(posterior: Posterior) -> tuple[ConvergenceRow, ...]:
 
 def convergence_table(convergence: Sequence[ConvergenceRow]) -> Table:
     rows = tuple((r.name, r.r_hat, r.ess_bulk, r.ess_tail, float(r.tau)) for r in convergence)
-    return Table("convergence", "Convergence", ("name", "r_hat", "ess_bulk", "ess_tail", "tau_steps"), rows)
+    return Table("convergence", ("name", "r_hat", "ess_bulk", "ess_tail", "tau_steps"), rows)
 
 
 def held_out_table(held_out: Sequence[HeldOutFrequency]) -> Table:
     rows = tuple((x.frequency_hz, "; ".join(x.tests), x.points_50, x.points_90, x.quantities_90) for x in held_out)
     columns = ("frequency_hz", "tests", "points_in_50", "points_in_90", "energies_and_stiffnesses_in_90")
-    return Table("held_out", "What bands hold of each frequency that is held out", columns, rows)
+    return Table("held_out", columns, rows)
 
 
 _GREEK = dict(zip("αβεηλμσφχℓ∝≥", "alpha beta varepsilon eta lambda mu sigma phi chi ell propto geq".split()))
