@@ -95,7 +95,25 @@ def test_clipping_is_said(tmp_path, record, channel):
 def test_coarse_rounding_is_not_clipping(tmp_path, record):
     r = record()
     rounded = replace(r, displacement_mm=np.round(r.displacement_mm / 0.02) * 0.02)
-    assert campaign(tmp_path, [rounded]).tests[0].warnings == ()
+    (said,) = campaign(tmp_path, [rounded]).tests[0].warnings
+    assert "the displacement moves in steps of 0.02 mm" in said and "clipped" not in said
+
+
+@pytest.mark.parametrize(("levels", "said"), [(20, True), (400, True), (2000, False)])
+def test_coarse_steps_are_said_of_any_campaign(tmp_path, record, levels, said):
+    """100 N in 2 kN went without a word where a folder was not imported."""
+    r = record(noise_N=0.01)
+    step = float(np.ptp(r.force_N)) / levels
+    (test,) = campaign(tmp_path, [replace(r, force_N=step * np.round(r.force_N / step))]).tests
+    assert any("the force moves in steps of" in w for w in test.warnings) == said
+
+
+def test_a_steady_speed_is_no_coarse_step(tmp_path, record):
+    """Each sample of a triangle is a step from the one before, whatever its resolution."""
+    r = record(frequency_hz=10.0, amplitude_mm=0.4, rate_hz=1000.0)
+    triangle = 0.4 * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * 10.0 * (r.time_s - r.time_s[0])))
+    (test,) = campaign(tmp_path, [replace(r, displacement_mm=triangle)]).tests
+    assert not any("in steps of" in w for w in test.warnings)
 
 
 def test_a_force_in_coarse_steps_is_not_frozen(tmp_path, record):

@@ -498,6 +498,23 @@ def test_a_time_without_a_unit_says_what_it_is_taken_for(table, record, name, pe
     assert not any("taken for s" in w for w in test.record.warnings)
 
 
+def test_what_full_scale_of_a_wav_file_is_needs_a_number(tmp_path, record):
+    """A force of 17 N was read as 0.85 N: "N" was the natural answer, and meant that full scale is 1 N."""
+    from scipy.io import wavfile
+
+    r = record()
+    samples = np.column_stack([r.displacement_mm / 2, r.force_N / 20]) * 2**15
+    wavfile.write(tmp_path / "a.wav", 1280, samples.astype("int16"))
+    named = {"displacement": "1", "force": "2"}
+    with pytest.raises(CampaignError, match='--unit "displacement=<50 mm>" --unit "force=<50 N>"'):
+        import_tests([tmp_path / "a.wav"], Recipe(channels=named))
+    with pytest.raises(CampaignError, match="'N' says no number"):
+        import_tests([tmp_path / "a.wav"], Recipe(channels=named, units={"displacement": "2 mm", "force": "N"}))
+    recipe = Recipe(channels=named, units={"displacement": "2 mm", "force": "20 N"})
+    (test,) = import_tests([tmp_path / "a.wav"], recipe)
+    np.testing.assert_allclose(test.record.force_N, r.force_N, atol=20 / 2**15)
+
+
 @pytest.mark.parametrize("cut", [0, 1000])
 def test_a_wav_file_that_ends_early_is_said(tmp_path, record, cut):
     from scipy.io import wavfile

@@ -12,7 +12,7 @@ from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.scaling import SAME_RATE, SINGLE_S
-from bayes_iwan.campaign.importing.unit_texts import ROLES, converted, is_ratio, is_volts, may_be, role_of
+from bayes_iwan.campaign.importing.unit_texts import FULL_SCALE, ROLES, converted, is_ratio, is_volts, may_be, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.unapplied import NOT_MEASURED
 from bayes_iwan.errors import nearest
@@ -119,7 +119,8 @@ def unit_asked(some: Sequence[Channel], role: str, recipe: Recipe) -> list[Quest
             what = "say the length that it is of (50 mm for samples in mm/mm, gauge 50 mm)."
             asked["--unit", "50 mm"] = f"is in {unit}, a ratio and no {role}: {what}"
         elif role not in recipe.units and not may_be(unit, role):
-            asked["--unit", "UNIT"] = f"is in {unit}: what is a sample of 1?"
+            example = f"50 {next(iter(ROLES[role]))}" if unit == FULL_SCALE else "UNIT"
+            asked["--unit", example] = f"is in {unit}: what is a sample of 1?"
         else:
             return []
     name = f"{some[0].name!r} ({role})" if len(some) == 1 else f"The {role}"

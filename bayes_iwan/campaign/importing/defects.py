@@ -1,4 +1,4 @@
-"""What recorders do to a channel and a reader must not take for numbers: range passed, values held, coarse steps."""
+"""What recorders do to a channel and a reader must not take for numbers: range passed, values held."""
 
 import numpy as np
 
@@ -12,8 +12,6 @@ END_CODES = frozenset(
 )
 #: jumps of a number that overflows, at least, and their share of all jumps: noise makes some reversals look like them
 FEWEST_WRAPS, MOST_WRAP = 6, 0.8
-FEW_LEVELS = 500  # over a channel's range: fewer are said
-LATTICE = 0.03  # of a step that values may be off its multiples
 
 
 def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
@@ -93,27 +91,3 @@ def without_repeats(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
         "the first of each is kept, as the one that is on time; check the delay between the channels"
     )
     return np.where(kept, values, np.nan), (said,)
-
-
-def coarse_steps(values: Array, name: str, unit: str) -> tuple[str, ...]:
-    """A word where a channel (n,) moves in steps so coarse that they cost something."""
-    levels = np.unique(values[np.isfinite(values)])
-    if levels.size < 3:
-        return ()
-    span = float(np.ptp(levels))
-    gaps = np.diff(levels)
-    step = float(gaps[gaps > 1e-9 * span].min())
-    count = span / step
-    place = (levels - levels[0]) / step
-    if (
-        count > FEW_LEVELS
-        or np.mean(np.abs(place - np.rint(place)) < LATTICE) < 0.98
-        or levels.size > 0.9 * values.size
-    ):
-        return ()
-    share = step / np.sqrt(12) / float(np.std(values[np.isfinite(values)]))
-    return (
-        f"{name!r} moves in steps of {step:.4g} {unit}, {count:.0f} over its range: each sample is off by up to half a "
-        f"step ({share:.2g} of the signal, RMS), which averaging takes out only where noise is larger than a step. "
-        "Raise the gain, or narrow the range",
-    )

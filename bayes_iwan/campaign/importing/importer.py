@@ -15,7 +15,7 @@ from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ, cycles_as_time
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import NO_TIME, Assigned, assign, matching, unit_asked
 from bayes_iwan.campaign.importing.clocks import Series, paired, runs
-from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats, wrapped_round
+from bayes_iwan.campaign.importing.defects import without_codes, without_repeats, wrapped_round
 from bayes_iwan.campaign.importing.formats.stamps import unwrapped
 from bayes_iwan.campaign.importing.joining import joined
 from bayes_iwan.campaign.importing.names import named
@@ -251,7 +251,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             raise CampaignError(f"{where}: {wrapped}")
         raw, held = without_repeats(raw, channel.name)
         values, unit, line = scaled(replace(channel, values=raw), role, recipe, where)
-        warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit))
+        warnings += (*found_codes, *held)
         warnings += said_of_name(channel.name, (x.name for x in recording.channels))
         said.append(line)
         in_units.append(unit)

@@ -6,7 +6,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.importing.formats.stamps import unwrapped
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.unit_texts import converted, decimal_point
+from bayes_iwan.campaign.importing.unit_texts import FULL_SCALE, converted, decimal_point
 from bayes_iwan.campaign.loops.checks import check_epoch, on_grid_of_rate
 from bayes_iwan.campaign.recording.records import CampaignError
 
@@ -24,6 +24,11 @@ def scaled(channel: Channel, role: str, recipe: Recipe, where: str) -> tuple[Arr
     """A channel in the campaign's working unit, that unit, and a line that says what was done."""
     stated_unit = recipe.units.get(role, channel.unit)
     sensitivity, gain = recipe.sensitivities.get(role, ""), float(recipe.gains.get(role, 1.0))
+    if channel.unit == FULL_SCALE and not any(x.isdigit() for x in stated_unit):
+        raise CampaignError(
+            f"{where}: {channel.name!r} is in shares of full scale, and {stated_unit!r} says no number: "
+            f'--unit "{role}=50 {stated_unit}" where full scale is 50 {stated_unit}'
+        )
     values, unit = converted(channel.values, stated_unit, sensitivity, role, f"{where}: {channel.name!r}")
     values = values / (-gain if role in recipe.reverse else gain)
     how = [stated_unit or "no unit: taken for V"]

@@ -16,6 +16,8 @@ ROLES: dict[str, dict[str, str]] = {
     "acceleration": {"m/s²": "meter/second**2", "rad/s²": "radian/second**2"},
     "force": {"N": "newton", "N·m": "newton*meter", "kPa": "kilopascal"},
 }
+#: of samples whose largest possible value is 1: what it stands for is asked for with its number
+FULL_SCALE = "full scale"
 #: of channels that are not used: so that a row of units is known for one
 _OTHER = ("volt", "ampere", "kelvin", "hertz", "coulomb", "meter/second", "ohm", "count")
 #: of the thousand units of pint those that recorders write, by its names: others are words and letters in a heading

@@ -13,7 +13,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE, Loop, average
 from bayes_iwan.campaign.loops.drift import friction_N, level_record
-from bayes_iwan.campaign.loops.resolution import MOST_POINTS
+from bayes_iwan.campaign.loops.resolution import MOST_POINTS, coarse_steps
 from bayes_iwan.campaign.loops.steadiness import disturbances, when
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.cycles import MOST_HARMONICS
@@ -119,6 +119,10 @@ def check_record(record: Record) -> tuple[Record, Loop]:
 
     Returns the record with its warnings completed, and its loop for what tests say of each other.
     """
+    coarse = [
+        *coarse_steps(record.displacement_mm, "displacement", record.units.displacement),
+        *coarse_steps(record.force_N, "force", record.units.force),
+    ]
     # cycles cannot be counted on a large drift; what is left of it, and what is smaller, is looked at below
     level, line_mm, _ = without_drift(record.time_s, record.displacement_mm, COARSE)
     record = replace(record, displacement_mm=level)
@@ -126,7 +130,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     loop = average(record, n_blocks=1)
     record, drifts = level_record(record, loop, line_mm)
     loop = average(record, n_blocks=1) if record is not loop.record else loop
-    notes, corners = [*record.warnings, *drifts], _corners(loop)
+    notes, corners = [*record.warnings, *coarse, *drifts], _corners(loop)
     steps = np.diff(record.time_s)  # and the frequency if each were the logger's shortest
     counted = loop.frequency_hz * float(np.mean(steps) / np.percentile(steps, 5))
     if abs(loop.frequency_hz / record.frequency_hz - 1) > NOMINAL_TOLERANCE >= abs(counted / record.frequency_hz - 1):
