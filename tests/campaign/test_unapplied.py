@@ -232,7 +232,7 @@ def test_starts_since_1970_align_the_channels_of_one_file(tmp_path):
     assert not any("not applied" in x for x in test.record.warnings)
 
 
-@pytest.mark.parametrize("word", ["sensitivity", "Resolution", "offset", "scale", "gain", "Empfindlichkeit"])
+@pytest.mark.parametrize("word", ["sensitivity", "Resolution", "offset", "scale", "gain", "Empfindlichkeit", "YInc"])
 @pytest.mark.parametrize("value", [9.55, "9.55 mV/N"])
 @pytest.mark.parametrize("form", ["hdf5", "mat", "tdms"])
 def test_what_a_channel_states_and_nothing_applies_is_said(tmp_path, word, value, form):

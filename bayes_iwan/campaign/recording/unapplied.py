@@ -19,7 +19,8 @@ _START = re.compile(
     re.IGNORECASE,
 )
 _FACTOR = re.compile(
-    r"(?<![^\W_])(gain|factor|multiplier|faktor|verstärkung|sensitivity|empfindlichkeit|sensibilit[ée])(?![^\W\d_])|"
+    r"(?<![^\W_])(gain|factor|multiplier|faktor|verstärkung|sensitivity|empfindlichkeit|sensibilit[ée]|"
+    r"y_?inc(?:rement)?|y_?org)(?![^\W\d_])|"
     r"(?<!vertical )(?<![^\W_])(offset|resolution|auflösung)(?![^\W\d_])(?!.*\bbits?\b)|"
     r"(?<!vertical )(?<!horizontal )(?<![^\W_])(scal(e|ing)|slope|lsb|calibration|conversion|skalierung)"
     r"\W*[=:,;\t] *[\d.]+(e[+-]?\d+)? *([^\W\d]\S*)?$",
