@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, assessed
-from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Share
+from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE
 from bayes_iwan.diagnosis.assessment.calibration import Calibration
 from bayes_iwan.diagnosis.assessment.verdict import usual_form, verdict_of
 from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, USUAL_GAP
+from bayes_iwan.diagnosis.fits.gap_size import Share
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.threads import linear_algebra
 from bayes_iwan.virtual_rig.faults import OUTSIDE

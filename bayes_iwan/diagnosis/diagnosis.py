@@ -22,21 +22,14 @@ from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, NextTest, next_
 from bayes_iwan.diagnosis.answer.result import Diagnosis, EffectParameter, Moved
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
 from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, weighed
-from bayes_iwan.diagnosis.assessment.budget import (
-    NO_CAUSE,
-    GapBudget,
-    Kind,
-    Share,
-    Unexplained,
-    Verdict,
-    unexplained_share,
-)
+from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, GapBudget, Kind, Unexplained, Verdict, unexplained_share
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, any_of, calibration
 from bayes_iwan.diagnosis.assessment.sampled_fit import sampled_fit
 from bayes_iwan.diagnosis.assessment.verdict import candidates_of, refused, resembled, verdict_of
 from bayes_iwan.diagnosis.constants import MOST_EFFECTS
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_model
+from bayes_iwan.diagnosis.fits.gap_size import Share
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.fitted_sets import Report, silent
 from bayes_iwan.diagnosis.search.model_search import search

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.diagnosis.answer.wording import title
-from bayes_iwan.diagnosis.assessment.budget import Gaps, Share, Vague, gaps_of, shares_of, subsets, vagueness
+from bayes_iwan.diagnosis.assessment.budget import Gaps, Vague, gaps_of, shares_of, subsets, vagueness
 from bayes_iwan.diagnosis.assessment.calibration import (
     Calibration,
     any_of,
@@ -33,6 +33,7 @@ from bayes_iwan.diagnosis.constants import (
     SUREST,
     USUAL_GAP,
 )
+from bayes_iwan.diagnosis.fits.gap_size import Share
 from bayes_iwan.diagnosis.search.base_fit import gap_rms_N, newton_nats, quick_gap_N
 from bayes_iwan.diagnosis.search.search_result import score
 

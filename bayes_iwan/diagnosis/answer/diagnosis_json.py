@@ -8,8 +8,8 @@ from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.saved_fits import write_fits
 from bayes_iwan.diagnosis.answer.sentences import colour, not_excluded, remedy, sentences
 from bayes_iwan.diagnosis.answer.wording import physics_of_pattern
-from bayes_iwan.diagnosis.assessment.budget import Cause, Share
-from bayes_iwan.diagnosis.fits.gap_size import ceiling_N
+from bayes_iwan.diagnosis.assessment.budget import Cause
+from bayes_iwan.diagnosis.fits.gap_size import Share, ceiling_N
 from bayes_iwan.files import finite, write_json
 from bayes_iwan.models.user_file import file_of
 

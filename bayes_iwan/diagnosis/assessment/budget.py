@@ -15,7 +15,7 @@ import numpy as np
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.constants import LEAST_MODEL_FORM, LEAST_OF_FRICTION, LEAST_SHARE
-from bayes_iwan.diagnosis.fits.gap_size import Gap, GapSize, shrink
+from bayes_iwan.diagnosis.fits.gap_size import Gap, GapSize, Share, shrink
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.effects.catalogue import UNLISTED
 
@@ -34,15 +34,6 @@ class Kind(StrEnum):
     UNKNOWN = "unknown"
     #: a gap no larger than what channels make of a drive with corners: nothing can be said of the specimen
     DRIVE = "drive"
-
-
-@dataclass(frozen=True)
-class Share:
-    """A share of the gap with its 90 % interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)

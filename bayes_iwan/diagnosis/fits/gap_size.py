@@ -25,6 +25,15 @@ DRAWS = 400
 
 
 @dataclass(frozen=True)
+class Share:
+    """A share of the gap with its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class Gap:
     """RMS of what the model misses in N and as a share of the RMS friction force, with 90 % intervals.
 
@@ -114,7 +123,6 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
     level = float(np.sqrt(np.mean(friction**2)))
     everything = _gap(total.mean(), again.mean(axis=1), off.mean(), left.mean(), level)
     part = {k: _gap(found[k].mean(), spread[k].mean(axis=1), removed[k].mean(), raw[k].mean(), level) for k in kinds}
-    cycle, rms, low, high = _along(residual, error)
     plausible = np.maximum(2.0 * total - again, 0.0)
     return GapSize(
         tuple(x.file for x in residual.data.loops),
@@ -125,10 +133,7 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
         part[MAINS],
         part[MEAN],
         friction,
-        cycle,
-        rms,
-        low,
-        high,
+        *_along(residual, error),
         total,
         plausible,
     )
@@ -190,18 +195,9 @@ def moved_shares(fit: Fit, data: GapData) -> dict[str, float]:
 
 def _gap(power: float, spread: Array, noise: float, left: float, friction: float) -> Gap:
     """A gap from its squared estimate and that estimate's distribution around it, reflected (basic bootstrap)."""
-    rms, low, high = _roots(np.array(power), spread)
-    f = max(friction, 1e-300)
-    return Gap(
-        float(rms),
-        float(low),
-        float(high),
-        float(rms / f),
-        float(low / f),
-        float(high / f),
-        float(np.sqrt(noise)),
-        float(np.sqrt(left)),
-    )
+    size_N = np.array(_roots(np.array(power), spread))
+    shares = size_N / max(friction, 1e-300)
+    return Gap(*size_N.tolist(), *shares.tolist(), *np.sqrt([noise, left]).tolist())
 
 
 def _roots(power: Array, spread: Array) -> tuple[Array, Array, Array]:
@@ -243,17 +239,9 @@ def _along(
     return tuple(zip(*out))  # type: ignore[return-value]
 
 
-@dataclass(frozen=True)
-class Shrink:
-    """1 − gap after / gap before, with its 90 % interval; nan where there was no gap to shrink."""
-
-    value: float
-    low: float
-    high: float
-
-
-def shrink(before: GapSize, after: GapSize) -> Shrink:
-    """How much smaller one model leaves the gap than another on the same tests.
+def shrink(before: GapSize, after: GapSize) -> Share:
+    """1 − gap after / gap before: how much smaller one model leaves the gap than another on the same tests; nan where
+    there was no gap.
 
     Both sizes must come from the same seed and number of draws: then their noise is common and cancels in part.
     Raises ValueError where the tests differ.
@@ -262,9 +250,9 @@ def shrink(before: GapSize, after: GapSize) -> Shrink:
         raise ValueError("the two gaps belong to different tests")
     first, second = (max(float(x.power_N2.mean()), 0.0) for x in (before, after))
     if first <= 0.0:
-        return Shrink(float("nan"), float("nan"), float("nan"))
+        return Share(float("nan"), float("nan"), float("nan"))
     b, a = before.plausible.mean(axis=1), after.plausible.mean(axis=1)
     draws = 1.0 - np.sqrt(a / np.maximum(b, 1e-3 * first))
     low, high = np.quantile(draws, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
     value = 1.0 - np.sqrt(second / first)
-    return Shrink(float(value), float(min(low, value)), float(max(high, value)))
+    return Share(float(value), float(min(low, value)), float(max(high, value)))

@@ -14,8 +14,8 @@ from bayes_iwan.diagnosis.answer.diagnosis_json import FITTED, INVISIBLE, ceilin
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
 from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.wording import few, force, interval, percent, plain, title
-from bayes_iwan.diagnosis.assessment.budget import Cause, Share
-from bayes_iwan.diagnosis.fits.gap_size import Gap
+from bayes_iwan.diagnosis.assessment.budget import Cause
+from bayes_iwan.diagnosis.fits.gap_size import Gap, Share
 from bayes_iwan.report.page import Page, Provenance, Section
 from bayes_iwan.report.rendering import Renderer
 
