@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -306,20 +307,6 @@ def _next(
     return None
 
 
-class Progress:
-    """A bar over the stages of a diagnosis, quiet when not a terminal."""
-
-    def __init__(self, name: str, shown: bool = True) -> None:
-        self.bar = tqdm(desc=plain(name), disable=None if shown else True, unit=" fits", leave=False)
-
-    def __call__(self, what: str) -> None:
-        self.bar.set_postfix_str(what)
-        self.bar.update()
-
-    def close(self) -> None:
-        self.bar.close()
-
-
 def settings_for(base: str, config: DiagnoseSettings | Config, own_simulator: bool) -> DiagnoseSettings:
     """Settings of a diagnosis; base : a name of :data:`BASES`. Raises ConfigError where two of them choose a model."""
     if base not in BASES:
@@ -334,40 +321,29 @@ def diagnose_campaign(
     campaign: Campaign | str | os.PathLike[str],
     *,
     config: DiagnoseSettings | Config = None,
-    seed: int = 0,
-    quick: bool = False,
     base: str = "generalized",
     effects: Sequence[type[Effect]] | str | os.PathLike[str] = (),
     simulator: Simulator | str | os.PathLike[str] | None = None,
     progress: bool = True,
-    workers: Workers = None,
-    listener: ProgressListener | None = None,
+    **options: Any,
 ) -> Diagnosis:
     """Diagnose a campaign, or its folder.
 
     effects, simulator : a user's own, as classes and an object, or the Python files that define them, which are run;
-    all else as for :func:`bayes_iwan.diagnose` and :func:`diagnose_loops`.
+    config, base, progress as for :func:`bayes_iwan.diagnose`; all else as for :func:`diagnose_loops`.
     """
     settings = settings_for(base, config, simulator is not None)
     read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
     extra = load_effects(effects) if isinstance(effects, str | os.PathLike) else tuple(effects)
     model = load_simulator(simulator) if isinstance(simulator, str | os.PathLike) else simulator
-    bar = Progress(read.name, progress)
-    try:
-        return diagnose_loops(
-            read,
-            read.loops(**LOOPS),
-            seed=seed,
-            quick=quick,
-            settings=settings,
-            extra=extra,
-            simulator=model,
-            report=bar,
-            workers=workers,
-            listener=listener,
-        )
-    finally:
-        bar.close()
+    with tqdm(desc=plain(read.name), disable=None if progress else True, unit=" fits", leave=False) as bar:
+
+        def report(stage: str) -> None:
+            bar.set_postfix_str(stage)
+            bar.update()
+
+        loops = read.loops(**LOOPS)
+        return diagnose_loops(read, loops, settings=settings, extra=extra, simulator=model, report=report, **options)
 
 
 def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, object]:
