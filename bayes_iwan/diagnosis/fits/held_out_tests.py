@@ -66,16 +66,23 @@ def held_out_gaps(fits: Sequence[Fit], data: GapData, extra: Sequence[Loop] = ()
     out = []
     if extra:
         other = gap_data(extra)
-        once = {f.names: [_gaps(f, other)] for f in fits}
-        out.append(_held_out(HELD_OUT, [x.file for x in extra], once))
+        out.append(HeldOut(HELD_OUT, tuple(x.file for x in extra), {f.names: _held_out_N2(f, other) for f in fits}))
     for by, parts in parted(data).items():
         both = [(data.part([i for i in range(data.tests) if i not in part]), data.part(part)) for part in parts]
         pieces = [(fit, others, left) for others, left in both for fit in fits]
-        found: dict[frozenset[str], list[_Predicted]] = {f.names: [] for f in fits}
-        for (fit, _, _), found_by_set in zip(pieces, alongside(_refit_gaps, pieces)):
-            found[fit.names].append(found_by_set)
-        files = [data.loops[i].file for part in parts for i in part]
-        out.append(_held_out(f"one {by} held out", files, found))
+        power_N2: dict[frozenset[str], list[Array]] = {f.names: [] for f in fits}
+        trained: dict[frozenset[str], list[Array]] = {f.names: [] for f in fits}
+        for (fit, _, _), (gap_N2, fitted) in zip(pieces, alongside(_refit_gaps, pieces)):
+            power_N2[fit.names].append(gap_N2)
+            trained[fit.names].append(np.tile(fitted[:, None], len(gap_N2)))
+        out.append(
+            HeldOut(
+                f"one {by} held out",
+                tuple(data.loops[i].file for part in parts for i in part),
+                {k: np.concatenate(x) for k, x in power_N2.items()},
+                {k: np.concatenate(x, axis=1) for k, x in trained.items()},
+            )
+        )
     return tuple(out)
 
 
@@ -85,36 +92,18 @@ def parted(data: GapData) -> dict[str, list[list[int]]]:
     return {by: parts for by, parts in out.items() if len(parts) > 1}
 
 
-@dataclass(frozen=True)
-class _Predicted:
-    """What one fit misses on tests that it was not fitted to: power_N2 (n,) squared gaps; trained (3,) : ln evidence,
-    squared gap and number of the tests that it was fitted to."""
-
-    power_N2: Array
-    trained: Array
-
-
-def _held_out(by: str, files: Sequence[str], found_by_set: dict[frozenset[str], list[_Predicted]]) -> HeldOut:
-    """What several fits of each set miss, each on tests of its own, one after another."""
-    power_N2 = {k: np.concatenate([x.power_N2 for x in parts]) for k, parts in found_by_set.items()}
-    trained = {
-        k: np.concatenate([np.tile(x.trained[:, None], len(x.power_N2)) for x in parts], axis=1)
-        for k, parts in found_by_set.items()
-    }
-    return HeldOut(by, tuple(files), power_N2, trained)
-
-
-def _refit_gaps(piece: tuple[Fit, GapData, GapData]) -> _Predicted:
-    """See :func:`_gaps`, of a fit to the other tests, on those held out."""
+def _refit_gaps(piece: tuple[Fit, GapData, GapData]) -> tuple[Array, Array]:
+    """A fit's model refitted to the other tests: (n,) squared gaps on those held out; (3,) ln evidence, squared gap and
+    number of the tests that it was fitted to."""
     fit, others, left = piece
     again = refitted(fit, others)
     size = again.size
     sizes = ((size.share, size.length, size.along),)
     nats = float(again.linear.evidence(sizes).log_z[0]) + others.layout(size.between, again.evolving).constant
     trained_N2 = max(float(gap_power_N2(residual_of(others, again)).mean()), 0.0)
-    return replace(_gaps(again, left), trained=np.array([nats, trained_N2, others.tests]))
+    return _held_out_N2(again, left), np.array([nats, trained_N2, others.tests])
 
 
-def _gaps(fit: Fit, data: GapData) -> _Predicted:
-    """What it misses on tests that it was not fitted to."""
-    return _Predicted(gap_power_N2(residual_of(data, fit, refitted=False)), np.full(3, np.nan))
+def _held_out_N2(fit: Fit, data: GapData) -> Array:
+    """(n,) squared gaps on tests that it was not fitted to."""
+    return gap_power_N2(residual_of(data, fit, refitted=False))
