@@ -46,8 +46,6 @@ def pictures(times=1, blocks=3):
     quadrature[:, 1] = size
     record = [SimpleNamespace(frequency_hz=x, amplitude_mm=y, clock=True) for x, y in zip(f, a)]
     statistics = {
-        "test": [SimpleNamespace(significant=t > 0) for t in range(len(size))],
-        "trend": [SimpleNamespace(significant=False)] * len(size),
         "region": (
             Statistic("region", "rising displacement", 0.1, 0.09, 0.11, 0.5, 0.5, 0.001, True),
             Statistic("region", "near the lower end", 0.02, 0.0, 0.03, 0.05, 0.3, 0.4, False),
@@ -70,6 +68,7 @@ def pictures(times=1, blocks=3):
             in_phase_N=np.zeros((len(size), 8)),
             quadrature_N=quadrature,
             expected_harmonic_N=np.full((len(size), 8), 0.01),
+            stands_out=[t > 0 for t in range(len(size))],
             of=statistics.__getitem__,
         ),
         size=SimpleNamespace(

@@ -1,12 +1,10 @@
 """Size and place of the gap as plain sentences and as JSON."""
 
-from collections import defaultdict
-
 import numpy as np
 
 from bayes_iwan.diagnosis.answer.growth_laws import GrowthLaw
 from bayes_iwan.diagnosis.answer.localisation import Statistic, Where
-from bayes_iwan.diagnosis.answer.wording import force, percent
+from bayes_iwan.diagnosis.answer.wording import force, joined, percent
 from bayes_iwan.diagnosis.fits.gap_size import GapSize
 
 #: a part of the loop gets a sentence when its share of the gap is this many times its share of the time
@@ -39,12 +37,8 @@ def where_sentences(where: Where) -> list[str]:
 
 def where_json(where: Where, size: GapSize) -> dict[str, object]:
     """The "where" of a diagnosis as plain numbers."""
-    kinds: defaultdict[str, list[Statistic]] = defaultdict(list)
-    for statistic in where.statistics:
-        kinds[statistic.kind].append(statistic)
     tests = []
-    for t, name in enumerate(where.files):
-        g, found = size.tests[t], kinds["test"][t].significant or kinds["trend"][t].significant
+    for t, (name, g, along) in enumerate(zip(where.files, size.tests, where.of("trend"))):
         tests.append(
             {
                 "file": name,
@@ -53,9 +47,9 @@ def where_json(where: Where, size: GapSize) -> dict[str, object]:
                 "gap_rms_N": g.rms_N,
                 "interval_N": [g.low_N, g.high_N],
                 "share": g.share,
-                "significant": found,
-                "along_record_N": kinds["trend"][t].gap_N,
-                "along_record_significant": kinds["trend"][t].significant,
+                "significant": where.stands_out[t],
+                "along_record_N": along.gap_N,
+                "along_record_significant": along.significant,
             }
         )
     harmonics = [
@@ -69,19 +63,19 @@ def where_json(where: Where, size: GapSize) -> dict[str, object]:
             "quadrature_significant": q.significant,
             "significant": p.significant or q.significant,
         }
-        for h, (p, q) in enumerate(zip(kinds["in phase"], kinds["quadrature"]))
+        for h, (p, q) in enumerate(zip(where.of("in phase"), where.of("quadrature")))
     ]
     return {
         "statistics": where.count,
         "tests": tests,
-        "regions": [_statistic(x, "region") for x in kinds["region"]],
+        "regions": [_statistic(x, "region") for x in where.of("region")],
         "harmonics": harmonics,
-        "by_frequency": [_statistic(x, "frequency") for x in kinds["frequency"]] if where.clock else [],
-        "by_amplitude": [_statistic(x, "amplitude") for x in kinds["amplitude"]],
-        "parity": [_statistic(x, "parity") for x in kinds["parity"]],
-        "mean": _statistic(kinds["mean"][0], "what"),
-        "along_record": [_statistic(x, "what") for x in kinds["record"]],
-        "mains": [_statistic(x, "line") for x in kinds["mains"]] if where.clock else [],
+        "by_frequency": [_statistic(x, "frequency") for x in where.of("frequency")] if where.clock else [],
+        "by_amplitude": [_statistic(x, "amplitude") for x in where.of("amplitude")],
+        "parity": [_statistic(x, "parity") for x in where.of("parity")],
+        "mean": _statistic(where.of("mean")[0], "what"),
+        "along_record": [_statistic(x, "what") for x in where.of("record")],
+        "mains": [_statistic(x, "line") for x in where.of("mains")] if where.clock else [],
         "laws": [
             {
                 "order": x.order,
@@ -138,15 +132,10 @@ def _grows(w: Where) -> list[str]:
         i, k = int(np.argmax(sizes)), int(np.argmin(sizes))
         if sizes[i] < 1.15 * sizes[k] or statistics[i].low_N <= statistics[k].high_N:
             out.append(f"The gap does not depend on {kind}: {force(sizes.min())} to {force(sizes.max())}.")
-        elif i == len(statistics) - 1:
+        elif i in (0, len(statistics) - 1):
             out.append(
-                f"The gap grows with {kind}, from {force(sizes[0])} at {statistics[0].name} to {force(sizes[-1])} at "
-                f"{statistics[-1].name}."
-            )
-        elif i == 0:
-            out.append(
-                f"The gap falls with {kind}, from {force(sizes[0])} at {statistics[0].name} to {force(sizes[-1])} at "
-                f"{statistics[-1].name}."
+                f"The gap {'grows' if i else 'falls'} with {kind}, from {force(sizes[0])} at {statistics[0].name} to "
+                f"{force(sizes[-1])} at {statistics[-1].name}."
             )
         else:
             out.append(
@@ -219,7 +208,7 @@ def _harmonics(w: Where) -> list[str]:
         f"{'displacement' if x.kind == 'in phase' else 'velocity'}"
         for x in statistics[:3]
     ]
-    out = [f"Of the residual's power, {_listed(parts)}."]
+    out = [f"Of the residual's power, {joined(parts)}."]
     even = w.of("parity")[1]
     if even.significant and even.share > 0.3:
         out.append(f"{percent(even.share)} of the residual is in even harmonics: the two halves of the stroke differ.")
@@ -231,11 +220,8 @@ def _regions(w: Where) -> list[str]:
     found.sort(key=lambda x: -(x.share - x.time))
     if not found:
         return ["The gap is spread evenly over the loop."] if any(x.significant for x in w.of("region")) else []
-    return [f"Along the loop the gap is concentrated: {_listed([_region(x) for x in found[:3]])}."]
-
-
-def _region(x: Statistic) -> str:
-    return f"{percent(x.share)} of it in {percent(x.time)} of the time ({x.name})"
+    parts = [f"{percent(x.share)} of it in {percent(x.time)} of the time ({x.name})" for x in found[:3]]
+    return [f"Along the loop the gap is concentrated: {joined(parts)}."]
 
 
 def _record(w: Where) -> list[str]:
@@ -260,7 +246,7 @@ def _record(w: Where) -> list[str]:
     where = f"in {len(trends)} of {len(w.files)} tests" if trends else "if all tests are taken together"
     return [
         f"The loops change along the record {where}"
-        f"{': ' + _listed(parts) + ' from the first cycles to the last' if parts else ''}. No steady model follows "
+        f"{': ' + joined(parts) + ' from the first cycles to the last' if parts else ''}. No steady model follows "
         "that."
     ]
 
@@ -279,7 +265,3 @@ def _others(w: Where) -> list[str]:
         if x.significant
     ]
     return out
-
-
-def _listed(parts: list[str]) -> str:
-    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]

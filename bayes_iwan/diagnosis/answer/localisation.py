@@ -94,6 +94,11 @@ class Where:
     def of(self, kind: str) -> tuple[Statistic, ...]:
         return tuple(x for x in self.statistics if x.kind == kind)
 
+    @property
+    def stands_out(self) -> list[bool]:
+        """Whether a test's gap is more than a right model would leave, in its averaged loop or along its record."""
+        return [x.significant or y.significant for x, y in zip(self.of("test"), self.of("trend"))]
+
 
 def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> Where:
     """Look everywhere; the residual is that of the base model on the fitted tests."""
@@ -124,20 +129,9 @@ def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> 
         for kind in (LOOP, ALONG)
     )
     share = np.maximum(found, 0.0) / np.where(statistics.changing, along, whole)
-    out = tuple(
-        Statistic(
-            kind,
-            name,
-            float(size[i]),
-            float(min(low[i], size[i])),
-            float(max(high[i], size[i])),
-            float(min(share[i], 1.0)),
-            float(statistics.time[i]),
-            float(p[i]),
-            bool(p[i] < FAMILY_WISE),
-        )
-        for i, (kind, name) in enumerate(statistics.names)
-    )
+    numbers = (size, np.minimum(low, size), np.maximum(high, size), np.minimum(share, 1.0), statistics.time, p)
+    rows = zip(*(x.tolist() for x in (*numbers, p < FAMILY_WISE)))
+    out = tuple(Statistic(*name, *row) for name, row in zip(statistics.names, rows))
     turned, null_turned = statistics.turned(residual.value), statistics.turned(null)
     loops = residual.data.loops
     return Where(

@@ -46,10 +46,14 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def joined(words: Sequence[str], last: str = "and") -> str:
+    """Words or parts of a sentence as a list in running text."""
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {last} " + words[-1]
+
+
 def listed(names: Sequence[str], last: str = "and") -> str:
     """Names of effects in running text, all of them."""
-    words = [title(n) for n in names]
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {last} " + words[-1]
+    return joined([title(n) for n in names], last)
 
 
 def few(names: Sequence[str], last: str = "or") -> str:

@@ -86,10 +86,9 @@ class Where(DiagnosedSection):
             return force(gap.rms_N), interval((gap.low_N, gap.high_N), force), percent(gap.share)
 
         head = ("test", "frequency, Hz", "amplitude, mm", "gap (RMS)", "90 % interval", "share of friction")
-        stands_out = [x.significant or y.significant for x, y in zip(w.of("test"), w.of("trend"))]
         rows = [
             (file, f"{f:.3g}", f"{a:.3g}", *size(gap), _yes(out))
-            for file, f, a, gap, out in zip(w.files, w.frequency_hz, w.amplitude_mm, found.before.tests, stands_out)
+            for file, f, a, gap, out in zip(w.files, w.frequency_hz, w.amplitude_mm, found.before.tests, w.stands_out)
         ]
         every = [(*head, "stands out"), ("all tests", "", "", *size(found.budget.before), ""), *rows]
         return every if found.campaign.clock else [(row[0], *row[2:]) for row in every]

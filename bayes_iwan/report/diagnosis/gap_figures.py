@@ -49,11 +49,6 @@ class GapPictures:
         """(T,) RMS."""
         return np.array([g.rms_N for g in self.size.tests])
 
-    @property
-    def significant(self) -> list[bool]:
-        """Is a test's gap more than a right model would leave?"""
-        return [x.significant or y.significant for x, y in zip(self.where.of("test"), self.where.of("trend"))]
-
 
 def panel_a_test(count: int, height: float = 2.2) -> tuple[Figure, list[Axes]]:
     """A figure of so many panels in rows of three or four."""
@@ -158,7 +153,7 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
 def gap_growth_figure(p: GapPictures) -> Figure:
     """The gap of each test against frequency and against amplitude, with 90 % intervals (T,); open: no finding."""
     low_N, high_N = np.array([(g.low_N, g.high_N) for g in p.size.tests]).T
-    gap_N, found, f, a = p.gap_N, p.significant, p.where.frequency_hz, p.where.amplitude_mm
+    gap_N, found, f, a = p.gap_N, p.where.stands_out, p.where.frequency_hz, p.where.amplitude_mm
     figure, axes = subplots(1, 2, 7.0, 3.2, sharey=True)
     floor = max(float(np.min(np.where(gap_N > 0, gap_N, np.inf))), 1e-9) if np.any(gap_N > 0) else 1e-6
     pairs = ((axes[0, 0], f, a, "frequency (Hz)", "mm"), (axes[0, 1], a, f, "amplitude (mm)", "Hz"))
