@@ -125,15 +125,11 @@ class Model(Simulator):
         """The inverse of :meth:`parameter_values`; gamma components are put in order of their means."""
         return iwan_parameters.sampled_values(self, parameter_values)
 
-    def paper_values(self, parameter_values: ParameterValues) -> dict[str, Derived]:
+    def derived(self, parameter_values: ParameterValues) -> dict[str, Derived]:
         """The paper's parameters (Table 1 for the full model): kp, ki, ku, t, η, g, k̃ₙ, λ, β."""
         units = dict(zip(self.slip_family.names, self.slip_family.units)) | iwan_parameters.PAPER_UNITS
-        return {
-            n: Derived(units.get(n, "-"), x) for n, x in iwan_parameters.paper_values(self, parameter_values).items()
-        }
-
-    def derived(self, parameter_values: ParameterValues) -> dict[str, Derived]:
-        return self.paper_values(parameter_values)
+        values = iwan_parameters.paper_values(self, parameter_values)
+        return {n: Derived(units.get(n, "-"), x) for n, x in values.items()}
 
     def alpha(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()) -> Array:
         """Relative normal force with the normal-force effects, (draws, loops, samples)."""

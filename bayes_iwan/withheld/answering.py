@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
@@ -131,7 +132,7 @@ def _answer_one(task: _Task, name: str) -> dict[str, object]:
     folder = task.out / name
     folder.mkdir(parents=True, exist_ok=True)
     clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")  # of an answer that was begun and not counted
-    scratch = confinement.temporary_folder()
+    scratch = Path(tempfile.mkdtemp(prefix="bayes_iwan_"))
     cache = task.out / _CACHE
     cache.mkdir(exist_ok=True)
     places = {"campaign": task.directory / name, "out": folder, "scratch": scratch, "cache": cache}

@@ -10,7 +10,6 @@ import ctypes
 import os
 import signal
 import sys
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -95,8 +94,3 @@ def program_folders() -> list[Path]:
     system = [Path(p) for p in ("/usr", "/lib", "/lib64", "/bin", "/etc", "/proc", "/sys", "/dev", "/opt")]
     own = [Path(p) for p in {sys.prefix, sys.base_prefix, *sys.path} if p and Path(p).exists()]
     return [*system, *own]
-
-
-def temporary_folder() -> Path:
-    """A new folder for temporary files of a confined process."""
-    return Path(tempfile.mkdtemp(prefix="bayes_iwan_"))
