@@ -181,7 +181,6 @@ class Body:
         columns: Sequence[str],
         rows: Sequence[Sequence[object]],
         caption: str,
-        row_heads: bool = True,
         fold: bool = False,
         sortable: bool = False,
     ) -> Body:
@@ -193,7 +192,7 @@ class Body:
         rows = [[self._said(cell) if isinstance(cell, str) else cell for cell in row] for row in rows]
         numeric = [bool(rows) and all(_NUMERIC.fullmatch(str(row[i])) for row in rows) for i in range(len(columns))]
         head, caption = list(zip(map(self._said, columns), numeric)), self._said(caption)
-        shown = {"row_heads": row_heads, "fold": fold, "sortable": sortable}
+        shown = {"fold": fold, "sortable": sortable}
         return self.html(template("table.html", columns=head, rows=rows, caption=caption, numeric=numeric, **shown))
 
     def viewer(self, data: Mapping[str, Any]) -> Body:

@@ -136,7 +136,7 @@ def test_replicates_are_as_wide_as_measured_loops_wander(posterior):
 
 
 def test_loo_pit_is_uniform_and_without_means(posterior):
-    pit = loo_pit(posterior).pit
+    pit = loo_pit(posterior)
     harmonics = sum(int(np.isfinite(x.noise_N).sum()) - 1 for x in posterior.problem.loops)
     assert pit.shape == (2 * harmonics,)
     assert stats.kstest(pit, "uniform").pvalue > 0.01

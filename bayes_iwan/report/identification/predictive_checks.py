@@ -76,17 +76,9 @@ def regions_figure(posterior: Posterior, checks: RegionChecks | None = None) -> 
     return figure
 
 
-@dataclass(frozen=True)
-class LooPit:
-    """pit : (data,) probability integral transform of each datum given all others, uniform if the predictive
-    distribution is right. pareto_k : (points,) of the leave-one-out weights; a point above 0.7 is not reliable."""
-
-    pit: Array
-    pareto_k: Array
-
-
-def loo_pit(posterior: Posterior, n: int = 600) -> LooPit:
-    """LOO-PIT by Pareto-smoothed importance sampling, on the likelihood's own independent data.
+def loo_pit(posterior: Posterior, n: int = 600) -> Array:
+    """(data,) probability integral transform of each datum given all others, by Pareto-smoothed importance sampling, on
+    the likelihood's own independent data: uniform if the predictive distribution is right.
 
     These are the rotated, whitened harmonics for the correlated likelihood (real and imaginary part of one omitted
     together) and the loop's samples for the independent ones. The mean forces are not among them: the correlated
@@ -117,17 +109,15 @@ def loo_pit(posterior: Posterior, n: int = 600) -> LooPit:
         probability = cdf.reshape(len(z), 1, -1)
     if probability.shape[2] != log_p.shape[1]:
         raise ValueError(f"LOO-PIT: {probability.shape[2]} data but {log_p.shape[1]} log-likelihoods")
-    log_w, k = smoothed_log_weights(-log_p.T)
-    pit = np.einsum("dn,npd->pd", np.exp(log_w), probability)
-    return LooPit(pit.ravel(), k)
+    log_w, _ = smoothed_log_weights(-log_p.T)
+    return np.einsum("dn,npd->pd", np.exp(log_w), probability).ravel()
 
 
 @styled
-def loo_pit_figure(posterior: Posterior, result: LooPit | None = None) -> Figure:
+def loo_pit_figure(posterior: Posterior, pit: Array | None = None) -> Figure:
     """The distribution of the LOO-PIT against the uniform one: histogram, and the distribution function less uniform
     with the band that 95 % of right models stay within."""
-    result = loo_pit(posterior) if result is None else result
-    pit = np.sort(result.pit)
+    pit = np.sort(loo_pit(posterior) if pit is None else pit)
     n = len(pit)
     figure, axes = subplots(1, 2, 7.2, 2.7)
     left, right = axes[0]
