@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -126,16 +127,14 @@ def write_score(
     directory: str | Path,
     truth: str | Path,
     *,
-    answers: str | Path | None = None,
     out: str | Path | None = None,
     allow_effects_file: bool = False,
-    excluded: Sequence[str] = (),
+    **options: Any,
 ) -> str:
     """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table and,
-    case by case, what was true and what was said."""
-    found, own = partial(find_shares, allow_own_files=allow_effects_file), allow_effects_file
-    scored = partial(score, directory, truth, answers=answers, find_shares=found, allow_effects_file=own)
-    result = scored(excluded=excluded)
+    case by case, what was true and what was said; options as for :func:`bayes_iwan.withheld.scoring.score`."""
+    found = partial(find_shares, allow_own_files=allow_effects_file)
+    result = score(directory, truth, find_shares=found, allow_effects_file=allow_effects_file, **options)
     table = result.table() + "\n\n" + result.case_table()
     if out is not None:
         folder = Path(out)

@@ -17,7 +17,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
-from bayes_iwan.errors import InputError
+from bayes_iwan.inference.setup.config import ConfigError
 from bayes_iwan.inference.setup.discrepancy import MEASURED_BETWEEN, Correlated
 from bayes_iwan.inference.setup.loop_error import paper_weights
 from bayes_iwan.inference.setup.loop_scales import Scales
@@ -153,10 +153,6 @@ class Independent:
         return replace(self, loops=tuple(self.loops[t] for t in tests))
 
 
-class LikelihoodError(InputError):
-    """A likelihood that there is not."""
-
-
 KINDS = ("correlated", "unweighted", "matern", "gaussian", "laplace")
 
 
@@ -170,4 +166,4 @@ def make_likelihood(kind: str, loops: Sequence[Loop], scales: Scales) -> Likelih
         return Correlated(tuple(loops))
     if kind in KINDS:
         return Independent(tuple(loops), scales, kind)
-    raise LikelihoodError(f"likelihood.kind = {kind!r} is not known; choose one of {', '.join(KINDS)}")
+    raise ConfigError(f"likelihood.kind = {kind!r} is not known; choose one of {', '.join(KINDS)}")
