@@ -26,14 +26,12 @@ class Estimate:
     n: int
     count: int | None = None
 
-    def text(self, percent: bool | None = None) -> str:
+    def text(self) -> str:
         """As a person reads it: `12 of 20: 60 % (36 to 81 %)`, or `0.95 (0.80 to 1.12), n = 20`."""
         if self.n == 0:
             return "no such case"
         if self.count is not None:
             return f"{self.count} of {self.n}: {_pc(self.value)} % ({_pc(self.low)} to {_pc(self.high)} %)"
-        if percent:
-            return f"{_pc(self.value)} % ({_pc(self.low)} to {_pc(self.high)} %), n = {self.n}"
         return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f}), n = {self.n}"
 
     def brief(self) -> str:

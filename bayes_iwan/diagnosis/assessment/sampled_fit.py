@@ -58,10 +58,6 @@ class Target:
             value = -0.5 * (np.sum(square / variance + np.log(variance), axis=1) + np.sum(z**2, axis=1))
         return np.where(np.all(z == inside, axis=1) & np.isfinite(value), value, -np.inf)
 
-    def as_asked(self, x: Array, random: np.random.RandomState) -> Array:
-        """The same as :class:`bayes_iwan.sampling.blocks.Density` asks for it."""
-        return self(x)[:, None]
-
 
 def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], None]) -> tuple[Fit, Sampling]:
     """The fit with mean and covariance of z from draws (numbers of effects and of the base alike), its optimum kept
@@ -77,7 +73,7 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
     every = np.arange(target.ndim)
     blocks = (every[:-2], every[-2:])
     chains = sample(
-        Density(target.as_asked, every, every[:0], blocks),
+        Density(lambda x, random: target(x)[:, None], every, every[:0], blocks),
         starts[np.argsort(-target(starts))],
         root,
         Plan(target.names, seed, budget_s=BUDGET_S, progress=False),

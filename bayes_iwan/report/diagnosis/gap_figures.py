@@ -36,10 +36,6 @@ class GapPictures:
     size: GapSize
 
     @property
-    def clock(self) -> bool:
-        return self.where.clock
-
-    @property
     def names(self) -> list[str]:
         """Of the tests."""
         return [test_name(x, role=False) for x in self.loops]
@@ -241,7 +237,7 @@ def figures_of_gap(p: GapPictures) -> dict[str, Callable[[], Figure]]:
         "gap_regions": partial(gap_regions_figure, p.where.of("region")),
         "gap_harmonics": partial(gap_harmonics_figure, p),
     }
-    if p.clock:
+    if p.where.clock:
         out["gap_growth"] = partial(gap_growth_figure, p)
     if any(len(x) > 1 for x in p.size.cycle):
         out["gap_cycles"] = partial(gap_cycles_figure, p)
