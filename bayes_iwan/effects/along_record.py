@@ -74,9 +74,6 @@ class ForceDriftByTest(ByTest):
     bench = ForceDrift.bench
     remedy = ForceDrift.remedy
 
-    def first_guess(self) -> float:
-        return 0.1 * self.scales.slip_N
-
     def per_N(self) -> float:
         """A newton within some ten cycles."""
         return 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm) / 10.0
@@ -114,9 +111,6 @@ class MainsInterference(ByTest):
     signature = "a line at 50 or 60 Hz whatever the test frequency; in loops only where that is a harmonic"
     bench = "a record with the shaker off; test frequencies that do not divide the mains'"
     remedy = "Break the ground loop or shield the cable; test at frequencies that do not divide the mains'."
-
-    def first_guess(self) -> float:
-        return 0.1 * self.scales.slip_N
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {

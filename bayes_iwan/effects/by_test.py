@@ -20,6 +20,9 @@ class ByTest(Effect):
 
     parts: ClassVar[tuple[tuple[str, str, str, str], ...]]
 
+    def first_guess(self) -> float:
+        return 0.1 * self.scales.slip_N
+
     def per_N(self) -> float:
         """Size of a number, in its unit, that moves the force by about a newton."""
         return 1.0

@@ -50,9 +50,7 @@ def variants(
     def fits(effect: type[Effect]) -> bool:
         return simulator is None or offered(stages_of(effect), simulator)
 
-    for effect in (*BUILT_IN, *FORM, *missing_terms(simulator)):
-        if not fits(effect):
-            continue
+    for effect in filter(fits, (*BUILT_IN, *FORM, *missing_terms(simulator))):
         out[effect.name] = (*out.get(effect.name, ()), effect)
     out |= following(conditions or {}, fits)
     own: dict[str, tuple[Maker, ...]] = {}

@@ -30,6 +30,9 @@ class FollowsCondition(Effect):
     signed = True
     what = ""
 
+    def first_guess(self) -> float:
+        return 0.3
+
     @property
     def name(self) -> str:  # type: ignore[override]
         return f"{self.what}_follows_{self.condition}"
@@ -77,9 +80,6 @@ class SlipFollowsCondition(FollowsCondition):
     bench = "one frequency and amplitude over the whole range of the condition, up and down again"
     remedy = "Give the model's slip forces this dependence, or quote them for the condition of use."
 
-    def first_guess(self) -> float:
-        return 0.3
-
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             **super().extra_parameters(),
@@ -105,9 +105,6 @@ class StiffnessFollowsCondition(FollowsCondition):
     signature = "slopes after reversals follow the condition, the loop's height does not"
     bench = "small amplitudes over the whole range of the condition"
     remedy = "Give the model's stiffness this dependence, or quote it for the condition of use."
-
-    def first_guess(self) -> float:
-        return 0.3
 
     def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         return k * self.factor(motion, parameter_values)
