@@ -18,15 +18,8 @@ _ORDINALS = {1: "first harmonic", 2: "second harmonic", 3: "third harmonic"}
 
 def where_sentences(where: Where) -> list[str]:
     """One sentence for each finding, in plain words; a single one where nothing stands out."""
-    out = [
-        *_tests(where),
-        *_grows(where),
-        *_laws(where),
-        *_harmonics(where),
-        *_regions(where),
-        *_record(where),
-        *_others(where),
-    ]
+    parts = (_tests, _grows, _laws, _harmonics, _regions, _record, _others)
+    out = [sentence for part in parts for sentence in part(where)]
     if not out:
         return [
             f"Nothing stands out: none of {where.count} statistics is larger than noise, the parameters' uncertainty "
@@ -37,21 +30,20 @@ def where_sentences(where: Where) -> list[str]:
 
 def where_json(where: Where, size: GapSize) -> dict[str, object]:
     """The "where" of a diagnosis as plain numbers."""
-    tests = []
-    for t, (name, g, along) in enumerate(zip(where.files, size.tests, where.of("trend"))):
-        tests.append(
-            {
-                "file": name,
-                "frequency_hz": float(where.frequency_hz[t]) if where.clock else None,
-                "amplitude_mm": float(where.amplitude_mm[t]),
-                "gap_rms_N": g.rms_N,
-                "interval_N": [g.low_N, g.high_N],
-                "share": g.share,
-                "significant": where.stands_out[t],
-                "along_record_N": along.gap_N,
-                "along_record_significant": along.significant,
-            }
-        )
+    tests = [
+        {
+            "file": name,
+            "frequency_hz": float(where.frequency_hz[t]) if where.clock else None,
+            "amplitude_mm": float(where.amplitude_mm[t]),
+            "gap_rms_N": g.rms_N,
+            "interval_N": [g.low_N, g.high_N],
+            "share": g.share,
+            "significant": where.stands_out[t],
+            "along_record_N": along.gap_N,
+            "along_record_significant": along.significant,
+        }
+        for t, (name, g, along) in enumerate(zip(where.files, size.tests, where.of("trend")))
+    ]
     harmonics = [
         {
             "order": h + 1,
