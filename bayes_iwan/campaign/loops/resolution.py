@@ -68,6 +68,6 @@ def coarse_steps(values: Array, channel: str, unit: str) -> tuple[str, ...]:
     share = step / np.sqrt(12) / float(np.std(values))
     return (
         f"the {channel} moves in steps of {step:.4g} {unit}, {span / step:.0f} over its range: each sample is off by "
-        f"up to half a step ({share:.2g} of the signal, RMS), which averaging takes out only where noise is larger than "
-        "a step. Raise the gain, or narrow the range, and record again",
+        f"up to half a step ({share:.2g} of the signal, RMS), which averaging takes out only where noise is larger "
+        "than a step. Raise the gain, or narrow the range, and record again",
     )
