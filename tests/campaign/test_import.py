@@ -498,6 +498,19 @@ def test_a_time_without_a_unit_says_what_it_is_taken_for(table, record, name, pe
     assert not any("taken for s" in w for w in test.record.warnings)
 
 
+def test_what_each_file_lacks_stands_under_its_own_name(tmp_path, record):
+    """All of it was said of the first file."""
+    r = record()
+    table = np.column_stack([r.time_s, r.displacement_mm, r.force_N])
+    for name, header in (("u1", "Time (s),Disp,Force (N)"), ("u2", "Time (s),Disp (mm),Force")):
+        np.savetxt(tmp_path / f"{name}.csv", table, fmt="%.6f", delimiter=",", header=header, comments="")
+    with pytest.raises(CampaignError) as asked:
+        import_tests([tmp_path / "u1.csv", tmp_path / "u2.csv"])
+    of_first, of_second = str(asked.value).split("In u2.csv: ")
+    assert of_first.startswith("u1.csv: ") and "'Disp'" in of_first and "Force" not in of_first
+    assert of_second.startswith("'Force' (force) states no unit") and '"force=<UNIT>"' in of_second
+
+
 def test_what_full_scale_of_a_wav_file_is_needs_a_number(tmp_path, record):
     """A force of 17 N was read as 0.85 N: "N" was the natural answer, and meant that full scale is 1 N."""
     from scipy.io import wavfile

@@ -91,7 +91,8 @@ def import_tests(
         except ImportAsks as missing:
             asked.append(missing)
     if asked:
-        raise ImportAsks(asked[0].where, [q for x in asked for q in x.questions])
+        others = [replace(q, text=f"In {x.where}: {q.text}") for x in asked[1:] for q in x.questions]
+        raise ImportAsks(asked[0].where, [*asked[0].questions, *others])
     if not tests:
         raise CampaignError("import: no files")
     tests[-1] = replace(tests[-1], said=(*tests[-1].said, *passed_over))
