@@ -172,7 +172,7 @@ def test_a_study_says_what_ships(kept, effect, kind, monkeypatch):
     found = cases_of.counts(case, a)
     assert found["false names, all cases"] == (False, 1)
     assert found["singles named" if effect else "alarms, sound"] == (bool(effect), 1)
-    monkeypatch.setattr(verdict, "NAMED", 1.0)
+    monkeypatch.setattr(verdict, "PROBABLE", 1.0)
     assert cases_of.answer(case, c).named == frozenset()  # whatever the package would not name
 
 
@@ -209,13 +209,13 @@ def test_an_ablation_changes_one_thing_and_puts_it_back(kept, tmp_path, monkeypa
     for effect, kind in (("viscous_damping", "single"), (None, "none")):
         (tmp_path / f"0_{len(kind)}.pickle").write_bytes(pickle.dumps(kept(effect, kind)[0]))
     some = {k: v for k, v in ablate.switched_off().items() if "places" in k or "held" in k or "whole" in k}
-    monkeypatch.setattr(ablate, "switched_off", lambda: some | {"NAMED 1": [(ablate.verdict, "NAMED", 1.0)]})
+    monkeypatch.setattr(ablate, "switched_off", lambda: some | {"PROBABLE 1": [(ablate.verdict, "PROBABLE", 1.0)]})
     files = [str(x) for x in tmp_path.glob("*.pickle")]
     monkeypatch.setattr(sys, "argv", ["ablate_diagnosis.py", "assessment", *files, "--out", str(tmp_path / "a.csv")])
     ablate.main()
     rows = {r["without"]: r for r in csv.DictReader((tmp_path / "a.csv").open())}
     assert rows["nothing"]["right change"] == "+0.0 (+0.0 to +0.0)" and rows["nothing"]["right"] == "1.0"
-    assert rows["NAMED 1"]["right"] == "0.0" and ablate.verdict.NAMED < 1.0
+    assert rows["PROBABLE 1"]["right"] == "0.0" and ablate.verdict.PROBABLE < 1.0
     assert len(rows) == len(some) + 2 == 5
 
 
