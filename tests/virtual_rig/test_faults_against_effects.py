@@ -29,6 +29,7 @@ CLASSICAL = {
     "force_lowpass.second": 0.0,
     "force_clipping.softness": 2e-3,
     "maxwell_branch.spread": 0.999,
+    "viscous_damping.exponent": 1.0,
     "moving_mass.period_s": 0.0,
 }
 
