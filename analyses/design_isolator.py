@@ -22,7 +22,8 @@ import bayes_iwan as bi
 from bayes_iwan.models.embedded_error import CORNER_NAME, CORNER_WIDTH, STIFFNESS_NAME
 from bayes_iwan.models.motion import Y_FLOOR
 from bayes_iwan.models.normal_force import ALPHA_FLOOR
-from bayes_iwan.report.style import BLUE, ORANGE, band, save, styled, subplots
+from bayes_iwan.report.axes import band
+from bayes_iwan.report.style import BLUE, ORANGE, save, styled, subplots
 from jenkins_elements import equal_probability_sliders
 
 SLIDERS = 64

@@ -21,9 +21,10 @@ from bayes_iwan.comparison.families import SHORT
 from bayes_iwan.inference.results.held_out_frequencies import HELD, held_out_frequencies, held_out_said
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.solving.point import most_probable
+from bayes_iwan.report.axes import band
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import predict
-from bayes_iwan.report.style import BLACK, band, save, styled, subplots
+from bayes_iwan.report.style import BLACK, save, styled, subplots
 
 #: a short run of the default model
 SETTINGS = replace(SHORT, model=bi.IdentifySettings().model)

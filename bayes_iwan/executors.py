@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
-from typing import Any, Generic, TypeVar, cast
+from typing import Generic, TypeVar, cast
 
 import numba as nb
 from tqdm import tqdm
@@ -120,10 +120,17 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def run(
-    pieces: Mapping[str, Piece], work: Callable[[Shared, Piece], Result], shared: Shared, **options: Any
+    pieces: Mapping[str, Piece],
+    work: Callable[[Shared, Piece], Result],
+    shared: Shared,
+    *,
+    workers: Workers = None,
+    what: str = "",
+    unit: str = "piece",
+    progress: bool = True,
 ) -> dict[str, Result | Failure]:
-    """What :func:`finished` gives, all of it, in the order of `pieces`; options : as for it."""
-    done = dict(finished(pieces, work, shared, **options))
+    """What :func:`finished` gives, all of it, in the order of `pieces`."""
+    done = dict(finished(pieces, work, shared, workers=workers, what=what, unit=unit, progress=progress))
     return {name: done[name] for name in pieces}
 
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -321,16 +320,19 @@ def diagnose_campaign(
     campaign: Campaign | str | os.PathLike[str],
     *,
     config: DiagnoseSettings | Config = None,
+    seed: int = 0,
+    quick: bool = False,
     base: str = "generalized",
     effects: Sequence[type[Effect]] | str | os.PathLike[str] = (),
     simulator: Simulator | str | os.PathLike[str] | None = None,
     progress: bool = True,
-    **options: Any,
+    workers: Workers = None,
+    listener: ProgressListener | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign, or its folder.
 
     effects, simulator : a user's own, as classes and an object, or the Python files that define them, which are run;
-    config, base, progress as for :func:`bayes_iwan.diagnose`; all else as for :func:`diagnose_loops`.
+    all else as for :func:`bayes_iwan.diagnose` and :func:`diagnose_loops`.
     """
     settings = settings_for(base, config, simulator is not None)
     read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
@@ -343,7 +345,10 @@ def diagnose_campaign(
             bar.update()
 
         loops = read.loops(**LOOPS)
-        return diagnose_loops(read, loops, settings=settings, extra=extra, simulator=model, report=report, **options)
+        return diagnose_loops(
+            read, loops, seed=seed, quick=quick, settings=settings, extra=extra, simulator=model, report=report,
+            workers=workers, listener=listener,
+        )  # fmt: skip
 
 
 def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, object]:

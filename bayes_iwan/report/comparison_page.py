@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.families import DECIDES, LEAST, Comparison
+from bayes_iwan.report.axes import numbered_cells
 from bayes_iwan.report.page import Finding, Page, Section, Table, provenance
-from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, on_phone, one_panel, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, house_style, on_phone, one_panel, styled, subplots
 
 
 @styled

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +11,8 @@ from matplotlib.patches import Rectangle
 
 from bayes_iwan.diagnosis.answer.saved_fits import find_shares
 from bayes_iwan.files import write_json, write_whole
-from bayes_iwan.report.style import BLUE, ORANGE, PRIOR, numbered_cells, save, styled
+from bayes_iwan.report.axes import numbered_cells
+from bayes_iwan.report.style import BLUE, ORANGE, PRIOR, save, styled
 from bayes_iwan.withheld.estimates import Estimate, binned
 from bayes_iwan.withheld.metrics import SHARE_POINTS, confusion, reliability
 from bayes_iwan.withheld.scoring import Score, score
@@ -127,14 +127,16 @@ def write_score(
     directory: str | Path,
     truth: str | Path,
     *,
+    answers: str | Path | None = None,
     out: str | Path | None = None,
     allow_effects_file: bool = False,
-    **options: Any,
+    excluded: Sequence[str] = (),
 ) -> str:
     """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table and,
-    case by case, what was true and what was said; options as for :func:`bayes_iwan.withheld.scoring.score`."""
-    found = partial(find_shares, allow_own_files=allow_effects_file)
-    result = score(directory, truth, find_shares=found, allow_effects_file=allow_effects_file, **options)
+    case by case, what was true and what was said."""
+    found, own = partial(find_shares, allow_own_files=allow_effects_file), allow_effects_file
+    scored = partial(score, directory, truth, answers=answers, find_shares=found, allow_effects_file=own)
+    result = scored(excluded=excluded)
     table = result.table() + "\n\n" + result.case_table()
     if out is not None:
         folder = Path(out)

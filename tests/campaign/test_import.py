@@ -521,8 +521,13 @@ def test_what_full_scale_of_a_wav_file_is_needs_a_number(tmp_path, record):
     named = {"displacement": "1", "force": "2"}
     with pytest.raises(CampaignError, match='--unit "displacement=<50 mm>" --unit "force=<50 N>"'):
         import_tests([tmp_path / "a.wav"], Recipe(channels=named))
-    with pytest.raises(CampaignError, match="'N' says no number"):
+    with pytest.raises(CampaignError, match='say what that is with its number, --unit "force=50 N" where'):
         import_tests([tmp_path / "a.wav"], Recipe(channels=named, units={"displacement": "2 mm", "force": "N"}))
+    of_cell = Recipe(channels=named, units={"displacement": "2 mm"}, sensitivities={"force": "100 mV/N"})
+    with pytest.raises(CampaignError, match='--unit "force=50 V" where it is 50 V'):
+        import_tests([tmp_path / "a.wav"], of_cell)
+    (test,) = import_tests([tmp_path / "a.wav"], replace(of_cell, units={"displacement": "2 mm", "force": "2 V"}))
+    np.testing.assert_allclose(test.record.force_N, r.force_N, atol=20 / 2**15)
     recipe = Recipe(channels=named, units={"displacement": "2 mm", "force": "20 N"})
     (test,) = import_tests([tmp_path / "a.wav"], recipe)
     np.testing.assert_allclose(test.record.force_N, r.force_N, atol=20 / 2**15)

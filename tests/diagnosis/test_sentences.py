@@ -136,7 +136,8 @@ def test_text_and_json_agree(answers, kind):
     if following is not None and d["verdict"]["kind"] != "drive" and not following["bench"]:
         assert plain(following["amplitude_mm"]) + " mm" in said[-1]
     # a colour that nothing in the text contradicts
-    assert (d["verdict"]["colour"] == "warning") == (d["verdict"]["kind"] != "none")
+    warned = re.search(r"unknown|clipped|not converged|that it has a cause|cannot be found", text)
+    assert (d["verdict"]["colour"] == "warning") == bool(warned or d["verdict"]["causes"])
     if re.search(r"do not tell|cannot tell|Far from plausible|no clock|held-out tests\. Record", text):
         assert d["verdict"]["colour"] != "good"
 

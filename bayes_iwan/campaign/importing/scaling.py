@@ -25,9 +25,10 @@ def scaled(channel: Channel, role: str, recipe: Recipe, where: str) -> tuple[Arr
     stated_unit = recipe.units.get(role, channel.unit)
     sensitivity, gain = recipe.sensitivities.get(role, ""), float(recipe.gains.get(role, 1.0))
     if channel.unit == FULL_SCALE and not any(x.isdigit() for x in stated_unit):
+        example = f"50 {'V' if sensitivity else stated_unit}"
         raise CampaignError(
-            f"{where}: {channel.name!r} is in shares of full scale, and {stated_unit!r} says no number: "
-            f'--unit "{role}=50 {stated_unit}" where full scale is 50 {stated_unit}'
+            f"{where}: {channel.name!r} is in shares of full scale: say what that is with its number, --unit "
+            f'"{role}={example}" where it is {example}'
         )
     values, unit = converted(channel.values, stated_unit, sensitivity, role, f"{where}: {channel.name!r}")
     values = values / (-gain if role in recipe.reverse else gain)

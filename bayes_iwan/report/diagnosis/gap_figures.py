@@ -19,8 +19,9 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.answer.localisation import Statistic, Where
 from bayes_iwan.diagnosis.fits.gap_size import GapSize
+from bayes_iwan.report.axes import decimal_ticks, ticked
 from bayes_iwan.report.identification.loops import test_name
-from bayes_iwan.report.style import BLUE, PRIOR, decimal_ticks, narrow, panels, points, series, styled, subplots, ticked
+from bayes_iwan.report.style import BLUE, PRIOR, narrow, panels, points, series, styled, subplots
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
 _DIVERGING = "RdBu_r"

@@ -8,11 +8,12 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.frequencies import Agreement, Frequencies, p_text
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.quantities import loop_quantities
+from bayes_iwan.report.axes import band, ticked
 from bayes_iwan.report.identification.loops import some_tests, test_name
 from bayes_iwan.report.identification.marginals import interval, number, symbol_of, with_unit
 from bayes_iwan.report.identification.tables import spread
 from bayes_iwan.report.page import Cell, Table
-from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, narrow, panels, styled, ticked
+from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, narrow, panels, styled
 
 
 def _draws(posterior: Posterior, name: str) -> Array:

@@ -8,7 +8,8 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.models import Model, ModelError, sine_motion
 from bayes_iwan.models.simulator import inner_effects
-from bayes_iwan.report.style import PRIOR, band, one_panel, series, styled, subplots, ticked
+from bayes_iwan.report.axes import band, ticked
+from bayes_iwan.report.style import PRIOR, one_panel, series, styled, subplots
 
 
 def _model(posterior: Posterior) -> Model:

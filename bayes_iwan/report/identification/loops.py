@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.report.axes import band, ticked
 from bayes_iwan.report.identification.predictive import Predictive, measured_cycles, predict
-from bayes_iwan.report.style import BLACK, MODEL, band, into_given_axes, narrow, series, styled, subplots, ticked
+from bayes_iwan.report.style import BLACK, MODEL, into_given_axes, narrow, series, styled, subplots
 
 _DOTTED = (0, (1.2, 1.6))
 #: tests of which a page shows a panel each: more are neither looked at nor light

@@ -15,9 +15,10 @@ from bayes_iwan.comparison.loo import smoothed_log_weights
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.likelihood import Independent
+from bayes_iwan.report.axes import numbered_cells
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.style import BLUE, ORANGE, RED, numbered_cells, one_panel, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, RED, one_panel, styled, subplots
 
 _RISING = ("after lower\nreversal", "stretching,\nmid-stroke", "before upper\nreversal")
 REGIONS = (*_RISING, "after upper\nreversal", "shortening,\nmid-stroke", "before lower\nreversal")

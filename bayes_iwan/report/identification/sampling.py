@@ -12,7 +12,8 @@ from scipy.stats import rankdata
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.report.style import decimal_ticks, one_panel, series, styled, subplots
+from bayes_iwan.report.axes import decimal_ticks
+from bayes_iwan.report.style import one_panel, series, styled, subplots
 from bayes_iwan.sampling.checkpoint import NAME, CheckpointError, read_checkpoint
 from bayes_iwan.sampling.convergence import autocorrelation_time
 

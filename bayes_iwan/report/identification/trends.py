@@ -7,8 +7,9 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.quantities import LoopQuantities, loop_quantities
 from bayes_iwan.models import sine_motion
+from bayes_iwan.report.axes import band, ticked
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.style import band, narrow, points, series, styled, subplots, ticked
+from bayes_iwan.report.style import narrow, points, series, styled, subplots
 
 _WHAT = (
     ("energy_mJ", "dissipated energy (mJ/cycle)"),

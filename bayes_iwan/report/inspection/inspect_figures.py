@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.inspect import CycleMean, Inspection
 from bayes_iwan.campaign.recording.units import Units
+from bayes_iwan.report.axes import decimal_ticks
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import measured_cycles
-from bayes_iwan.report.style import decimal_ticks, narrow, one_panel, panels, points, series, styled, subplots
+from bayes_iwan.report.style import narrow, one_panel, panels, points, series, styled, subplots
 
 CYCLES = 12  # cycles drawn behind a loop
 COLUMNS = 3

@@ -160,9 +160,8 @@ def _kinds(found: dict[str, Any]) -> str:
 def _said_of(arrays: list[tuple[str, np.ndarray]], texts: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     """Units and names that a file's texts say of single arrays, as Simulink, dSPACE and Testlab write them: `label`,
     `Name`, `Unit` in the struct of one array, or anywhere in a variable that holds no other, or `units.force`."""
-    said = {
-        k: t.partition(" since ")[0].strip() for k, t in texts.items() if _leaf(k) in LABELS and t.strip()
-    }  # netCDF
+    said = {k: t.strip() for k, t in texts.items() if _leaf(k) in LABELS and t.strip()}
+    said = {k: t.partition(" since ")[0] for k, t in said.items()}  # as netCDF writes moments
     of_units = {k: t for k, t in said.items() if is_unit(t) or _leaf(k) in ("unit", "units")}
     vectors = [k for k, v in arrays if np.size(v) > 1]
     of_names = {k: t for k, t in said.items() if k not in of_units and k.rpartition(".")[0] not in vectors}
