@@ -6,7 +6,8 @@ import drives as dr
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign import CampaignError, average, read_campaign, split, write_campaign
+from bayes_iwan.campaign import CampaignError, average, read_campaign, write_campaign
+from bayes_iwan.campaign.timing.drive import split_levels
 from bayes_iwan.virtual_rig.simulate import Setup, with_noise
 from bayes_iwan.virtual_rig.specimen import RigError, paper_specimen
 
@@ -34,7 +35,7 @@ def test_a_staircase_of_amplitudes_is_refused_and_split(tmp_path, levels):
     record = run(dr.staircase(10, levels))
     with pytest.raises(CampaignError, match=rf"staircase of {len(levels)} levels .* mm.*--split"):
         read(tmp_path, record)
-    pieces = split(record)
+    pieces, _ = split_levels(record)
     assert [p.file for p in pieces] == [f"drive_{k + 1}.csv" for k in range(len(levels))]
     compliance = 1 - pieces[0].amplitude_mm / levels[0]  # the shaker yields by a few per cent
     assert 0 < compliance < 0.05
@@ -52,7 +53,7 @@ def test_steps_of_frequency_are_split(tmp_path):
     record = run(dr.stepped_frequency((8, 10, 12), 0.7))
     with pytest.raises(CampaignError, match=r"staircase of 3 levels \(8, 10, 12 Hz\)"):
         read(tmp_path, record)
-    pieces = split(record)
+    pieces, _ = split_levels(record)
     assert [p.frequency_hz for p in pieces] == pytest.approx([8, 10, 12], rel=1e-3)
     assert len(read(tmp_path / "split", *pieces).tests) == 3
 
@@ -63,7 +64,7 @@ def test_a_drifting_amplitude_is_refused(tmp_path, first, last):
     with pytest.raises(CampaignError, match="drifts in amplitude"):
         read(tmp_path, record)
     with pytest.raises(CampaignError, match="drifts in amplitude"):
-        split(record)
+        split_levels(record)
 
 
 @pytest.mark.parametrize(("first", "last"), [(5, 25), (25, 5), (9, 11)])

@@ -70,7 +70,7 @@ def unlisted_probability(found: Weighed, c: Calibration) -> float:
 def named_by(given: Sequence[Figures], sets: SetProbabilities, unlisted: float = 0.0) -> tuple[str, ...]:
     """Effects of the best set that probably contribute."""
     p = contributing(given, sets, unlisted)
-    return tuple(f.name for f in given if not refused(f) and p[f.name] >= PROBABLE)
+    return tuple(f.name for f in given if not refused(f) and p.get(f.name, 0.0) >= PROBABLE)
 
 
 def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
