@@ -64,8 +64,8 @@ def without_reason(where: Any, name: str, reason: str) -> Patch:
 def changed_by(change: Change) -> Patch:
     """Figures of another kind."""
 
-    def figures(search: Search, sizes: Sizes, fit: Fit, held_out: Sequence[HeldOut]) -> tuple[Figures, ...]:
-        return tuple(change(f, search, sizes, held_out) for f in figures_of(search, sizes, fit, held_out))
+    def figures(search: Search, sizes: Sizes, held_out: Sequence[HeldOut]) -> tuple[Figures, ...]:
+        return tuple(change(f, search, sizes, held_out) for f in figures_of(search, sizes, held_out))
 
     return (assessed_search, "figures_of", figures)
 
@@ -83,20 +83,17 @@ def switched_off() -> dict[str, list[Patch]]:
     """What is patched for each rule."""
     out: dict[str, list[Patch]] = {
         "rule: places where one of several contributes": [(verdict, "one_of", lambda *given: ())],
-        "rule: a specimen's usual form is not unexplained": [(verdict, "usual_form", lambda given: Names())],
         "rule: patterns without a cause make it unknown": [(verdict, "NO_CAUSE", Names())],
         "rule: what is not sure may be an unlisted cause's": [(verdict, "beside_unlisted", lambda p, unlisted: p)],
         "rule: what a record shows by itself": [(verdict, "SHOWN_BY_RECORD", Names())],
         "rule: share of what changes along the record": [changed_by(lambda f, *given: replace(f, along=None))],
         "rule: what could be in its place is tied": [changed_by(lambda f, *given: replace(f, alternatives={}))],
-        "rule: plausible where it misses least in newtons": [changed_by(plausible_in_evidence)],
         "held out: sets that the other tests chose": [changed_by(of_best_set)],
     }
     for title, where, name, reason in (
         ("one record names nothing", verdict, "refused", "one record"),
         ("held-out share above zero", verdict, "refused", "held-out tests"),
         ("least share", verdict, "refused", "too little"),
-        ("own form needs a gap", verdict, "refused", "every specimen"),
         ("within the prior", indicators, "implausible", "beyond"),
         ("no longer than the tested periods", indicators, "implausible", "longer"),
         ("frequencies that differ", indicators, "implausible", "frequency"),
@@ -111,23 +108,13 @@ def switched_off() -> dict[str, list[Patch]]:
         (verdict, "PROBABLE", (0.65, 0.8)),
         (verdict, "REFUSED", (0.0, 1.0)),
         (calibration, "SUREST", (0.999,)),
-        (budget, "LEAST_SHARE", (0.0,)),
         (budget, "LEAST_OF_FRICTION", (1e-12,)),
         (budget, "LEAST_MODEL_FORM", (0.02,)),
-        (verdict, "LEAST_GAP", (0.0,)),
         (indicators, "LARGEST_SCORE", (3.0, 6.0)),
     ):
         for value in values:
             out[f"{name} {value:g}"] = [(where, name, value)]
     return out
-
-
-def plausible_in_evidence(f: Figures, search: Search, sizes: Sizes, held_out: Sequence[HeldOut]) -> Figures:
-    """An effect's numbers are asked where its evidence is best alone."""
-    best = search.fit(search.chosen)
-    effect = next(e for e in best.effects if e.name == f.name)
-    less = search.fit(Names(search.chosen) - {f.name})
-    return replace(f, odd=indicators.implausible(effect, best, search.data) or indicators.replaced(less, best))
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import numpy as np
 from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, assessed
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE
 from bayes_iwan.diagnosis.assessment.calibration import Calibration
-from bayes_iwan.diagnosis.assessment.verdict import usual_form, verdict_of
+from bayes_iwan.diagnosis.assessment.verdict import verdict_of
 from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, USUAL_GAP
 from bayes_iwan.diagnosis.fits.gap_size import Share
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
@@ -103,13 +103,12 @@ def answer(case: Case, c: Calibration) -> Answer:
         v = verdict_of(case.found, c)
     said = {n for x in v.causes for n in (x.name, *x.tied_with)} | {n for x in v.one_of for n in x.names}
     tried = frozenset().union(*case.found.sets) - NO_CAUSE - MODEL_FORM
-    beside = frozenset(v.names) | usual_form(case.found.figures)
     return Answer(
         frozenset(v.names) - MODEL_FORM,
         frozenset(said),
         {n: p for n, p in v.probabilities.items() if n in tried},
         v.probabilities["unknown"],
-        case.found.models.sizes[beside].all.resolved_share,
+        case.found.models.sizes[frozenset(v.names)].all.resolved_share,
         {x.name: x.share for x in v.causes},
     )
 

@@ -64,12 +64,8 @@ PROBABLE: Final = 0.5
 #: probability, at most, of what something speaks against; 0.1 and 0.5 change nothing that was measured
 #: (analyses/ablation.md)
 REFUSED: Final = 0.25
-#: share of the gap that an effect must remove to be named (what is said must matter); of a cause in the base's form,
-#: which always removes some
-LEAST_SHARE: Final = 0.02
+#: share of the gap that a cause in the base's form, which always removes some, must remove to be named
 LEAST_MODEL_FORM: Final = 0.2
-#: gap over the friction force below which no cause in the base's form is named: so much every specimen differs
-LEAST_GAP: Final = 0.01
 #: what a single record shows by itself: a line of the mains, a level that the force does not pass, a zero that moves
 SHOWN_BY_RECORD: Final = frozenset({"mains_interference", "force_clipping", "force_drift"})
 #: share of a gap, most of which has no name, that an effect must remove alone to be suspected, and how many are said

@@ -22,13 +22,11 @@ from bayes_iwan.diagnosis.assessment.verdict import (
     refused,
     resembled,
     unknown_cause_probability,
-    usual_form,
 )
 from bayes_iwan.diagnosis.constants import (
     ALIKE_NATS,
     COARSENED,
     EFFECT_NATS,
-    LEAST_GAP,
     REFUSED,
     SUREST,
     USUAL_GAP,
@@ -97,7 +95,6 @@ PLACE = Figures(
     alone=0.6,
     held_out=0.6,
     moved=0.05,
-    gap=0.04,
     before=0.04,
     tests=6,
 )
@@ -142,7 +139,6 @@ def one_set(f):
         ({"fitted": 0.01}, "too little"),
         ({"before": 0.001, "fitted": 0.5}, "too little"),
         ({"odd": "mass of 9 t is beyond what is possible"}, "9 t"),
-        ({"name": "slip_forces_free", "gap": 0.9 * LEAST_GAP}, "every specimen"),
         ({"name": "lagging_force"}, "no cause"),
     ],
 )
@@ -244,13 +240,6 @@ def test_a_pattern_speaks_for_a_cause_where_it_removes_as_much_as_a_cause_must()
     assert unknown_cause_probability(0.1, [replace(sure, fitted=0.01)], one_set(sure)) == pytest.approx(0.1)
     tiny = replace(sure, fitted=0.2, before=0.004)  # 0.08 % of the friction force
     assert unknown_cause_probability(0.1, [tiny], one_set(sure)) == pytest.approx(0.1)
-
-
-def test_a_form_that_stands_for_more_than_a_specimens_usual_difference_is_left_unexplained():
-    form = replace(PLACE, name="normal_force_free")
-    small, large = replace(form, gap=0.9 * LEAST_GAP), replace(form, gap=1.1 * LEAST_GAP)
-    assert usual_form([small]) == {"normal_force_free"}
-    assert usual_form([large]) == usual_form([replace(small, name="friction_fade")]) == frozenset()
 
 
 def test_the_score_of_a_set():

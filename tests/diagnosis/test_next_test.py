@@ -105,7 +105,7 @@ def test_two_models_that_both_miss_much_promise_less(kit, monkeypatch):
 
 def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
     fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("b"): "without"}
-    place = Figures("a", 50.0, {"a": 0.0, "c": -2.0}, 0.4, 0.4, 0.4, moved=0.1, gap=0.1, before=0.1, tests=4)
+    place = Figures("a", 50.0, {"a": 0.0, "c": -2.0}, 0.4, 0.4, 0.4, moved=0.1, before=0.1, tests=4)
     search = SimpleNamespace(chosen=("a", "b"), fit=lambda names: fits[frozenset(names)], effects={})
     found = SimpleNamespace(search=search, figures=(place,), sets={frozenset("a"): 1.0})
     constants = SimpleNamespace(apart=30.0)

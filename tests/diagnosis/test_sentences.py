@@ -228,16 +228,6 @@ def test_what_is_no_more_than_noise_is_said_so(answers):
     assert "Unexplained: nothing beyond noise." in said
 
 
-def test_a_gap_that_no_sound_specimen_leaves_is_not_called_one(answers):
-    found = answers["none, improbable"]
-    for share, word in ((0.004, "A sound specimen differs"), (0.055, "Another form of the base model")):
-        after = replace(found.budget.after, rms_N=0.1, low_N=0.09, share=share)
-        (said,) = (
-            s for s in sentences(replace(found, budget=replace(found.budget, after=after))) if s.startswith("Unexpl")
-        )
-        assert word in said
-
-
 def test_a_line_at_half_the_frequency_is_said_whatever_the_loops_show(answers):
     none = answers["none"]
     line = replace(none, budget=replace(none.budget, unexplained=replace(none.budget.unexplained, subharmonic=257.0)))

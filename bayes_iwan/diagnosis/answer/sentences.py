@@ -21,7 +21,7 @@ from bayes_iwan.diagnosis.answer.wording import (
 )
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
 from bayes_iwan.diagnosis.assessment.verdict import refused
-from bayes_iwan.diagnosis.constants import LEAST_GAP, PROBABLE
+from bayes_iwan.diagnosis.constants import PROBABLE
 from bayes_iwan.diagnosis.fits.gap_size import Gap
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
 
@@ -250,10 +250,8 @@ def _unexplained(d: Diagnosis) -> str:
         size += ", since nothing is named"
     if kind is Kind.EXPLAINED:
         return f"Unexplained: {size}. A law that is slightly off leaves as much."
-    if kind is Kind.NONE and after.share <= LEAST_GAP:
-        return f"Unexplained: {size}. A sound specimen differs from the model by as much."
     if kind is Kind.NONE:
-        return f"Unexplained: {size}. Another form of the base model would leave less."
+        return f"Unexplained: {size}. A sound specimen differs from the model by as much as is beyond noise."
     if kind is Kind.DRIVE:
         return f"Unexplained: {size}. It may be the channels' or the specimen's."
     what = "a cause: one of these or another" if d.verdict.one_of else "a cause of its own"

@@ -36,8 +36,7 @@ class Figures:
     alone : share of the gap that it removes as the only effect
     held_out : mean over held-out tests of the share of the gap that it removes there, 0 where the other tests would not
         have chosen it or what resembles it; nan where no test can be held out for it
-    moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
-        the base's own
+    moved : RMS force that it moves, before : RMS gap of the base, both over the friction force
     tests : how many were fitted; odd : why its numbers are not plausible, "" where they are
     """
 
@@ -48,7 +47,6 @@ class Figures:
     alone: float
     held_out: float
     moved: float
-    gap: float
     before: float
     tests: int
     odd: str = ""
@@ -70,13 +68,11 @@ def three_sets(names: Names) -> list[Names]:
     return [Names(), *(frozenset({n}) for n in sorted(names)), *(names - {n} for n in sorted(names)), names]
 
 
-def figures_of(
-    search: Search, sizes: Mapping[Names, GapSize], whole_in_newtons: Fit, held_out: Sequence[HeldOut]
-) -> tuple[Figures, ...]:
+def figures_of(search: Search, sizes: Mapping[Names, GapSize], held_out: Sequence[HeldOut]) -> tuple[Figures, ...]:
     """The figures of every effect of the best set.
 
-    sizes : gap of the base, the best set, it without each effect and each effect alone; whole_in_newtons : the best set
-    where it misses least; held_out : what these miss on held-out tests
+    sizes : gap of the base, the best set, it without each effect and each effect alone; held_out : what these miss on
+    held-out tests
     """
     whole, none = frozenset(search.chosen), Names()
     if not whole:
@@ -110,14 +106,10 @@ def figures_of(
                 if predicts
                 else float("nan"),
                 moved=moved[name],
-                gap=sizes[less].all.rms_N / level,
                 before=before / level,
                 tests=data.tests,
                 along=share_along,
-                # numbers are reported from the one fit, shares from the other
-                odd=implausible(effect, best, data)
-                or implausible(effect, whole_in_newtons, data)
-                or replaced(search.fit(less), best),
+                odd=implausible(effect, best, data) or replaced(search.fit(less), best),
             )
         )
     return tuple(out)

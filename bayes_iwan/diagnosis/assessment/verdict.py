@@ -24,7 +24,6 @@ from bayes_iwan.diagnosis.assessment.budget import (
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, SetProbabilities, any_of
 from bayes_iwan.diagnosis.assessment.indicators import Figures, three_sets
 from bayes_iwan.diagnosis.constants import (
-    LEAST_GAP,
     PROBABLE,
     REFUSED,
     SHOWN_BY_RECORD,
@@ -48,8 +47,6 @@ def refused(f: Figures) -> str:
         return "on held-out tests it removes nothing"
     if f.removes < least_share(f.name, f.before):
         return "it removes too little"
-    if f.name in MODEL_FORM and f.gap < LEAST_GAP:
-        return "every specimen differs as much from the model"
     return f.odd
 
 
@@ -123,12 +120,6 @@ def resembled(given: Iterable[Figures]) -> Figures | None:
     return max(some, key=lambda f: f.gain, default=None)
 
 
-def usual_form(given: Iterable[Figures]) -> frozenset[str]:
-    """Model-form effects of the best set that are a specimen's usual difference from the model and so not left
-    unexplained. One that stands for more is named, or what it removes has another cause."""
-    return frozenset(f.name for f in given if f.name in MODEL_FORM and f.gap < LEAST_GAP)
-
-
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
     """Name causes, give each its share of the gap, and say whether the unexplained part needs a cause of its own."""
     unlisted = unlisted_probability(found, c)
@@ -137,9 +128,7 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     p = contributing(found.figures, found.sets, unlisted)
     probabilities = {n: p.get(n, 0.0) for n in found.search.effects if n not in NO_CAUSE}
     causes = _causes(found, named, probabilities, c, held_out)
-    beside = frozenset(named) | usual_form(found.figures)
-    found.models.find([beside])
-    by_size = c.unknown_cause(found.models.sizes[beside].all.resolved_share)
+    by_size = c.unknown_cause(found.models.sizes[frozenset(named)].all.resolved_share)
     unknown = unknown_cause_probability(by_size, found.figures, found.sets)
     likeliest = max(probabilities.values(), default=0.0)
     probabilities |= {"none": (1.0 - likeliest) * (1.0 - unknown), "unknown": unknown}
