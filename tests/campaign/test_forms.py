@@ -139,6 +139,39 @@ def test_stamps_through_midnight_and_rollover(signal, kind, before):
 
 
 @form
+@given(
+    signals(),
+    st.sampled_from(["%H:%M:%S.%f", "%I:%M:%S.%f %p", "%I:%M:%S.%f", "1899-12-30 %H:%M:%S.%f", "excel", "excel text"]),
+    st.sampled_from(["%d.%m.%Y", "%Y-%m-%d", "%Y-%m-%d 00:00:00", "%m/%d/%y", "excel"]),
+    st.integers(1, 60),
+    st.sampled_from([0, 1, 3, -1, -3, 50, 10_000]),
+)
+def test_a_date_beside_times_of_day_may_change_late_or_early(signal, time, date, before, late):
+    """Midnight is `before` samples after the start; the date changes `late` samples after it, or never."""
+    rate, x, f = signal
+    rate = 1000.0 if time == "excel" else rate  # whose times of day end at ms in openpyxl
+    midnight = datetime.datetime(2024, 3, 1) - datetime.timedelta(seconds=before / rate)
+    stamps = [midnight + datetime.timedelta(seconds=round(k / rate, 6)) for k in range(x.size)]
+    days = [stamps[int(np.clip(k - late, 0, x.size - 1))].date() for k in range(x.size)]
+    excel = "excel" in (time, date)
+    times = [s.time() if time == "excel" else s.strftime("%H:%M:%S.%f" if "e" in time else time) for s in stamps]
+    dates = [d if date == "excel" else d.strftime(date) for d in days]
+    rows = [("Datum", "Zeit", "Weg [mm]", "Kraft [N]"), *zip(dates, times, np.round(x, 6), np.round(f, 6))]
+
+    def write(folder):
+        if not excel:
+            (folder / "a.csv").write_text("".join(";".join(map(str, row)) + "\n" for row in rows))
+            return folder / "a.csv"
+        book = pytest.importorskip("openpyxl").Workbook()
+        for row in rows:
+            book.active.append([v.item() if isinstance(v, np.floating) else v for v in row])
+        book.save(folder / "a.xlsx")
+        return folder / "a.xlsx"
+
+    same(back(write), rate, x, f, time_digits=5)
+
+
+@form
 @given(signals(), st.sampled_from(["%H:%M:%S.%f", "%Y-%m-%d %H:%M:%S.%f", "date beside"]), st.integers(0, 12))
 def test_each_channel_with_stamps_of_its_own(signal, kind, late):
     """The force starts `late` samples after the displacement, and its columns end earlier."""
