@@ -35,7 +35,6 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
         return [_one(pieces)] if pieces else [], []
     held = [roles_held(x, recipe) for x in pieces]
     left = [k for k, roles in enumerate(held) if len(roles) < 2]
-    none_whole = len(left) == len(pieces)
     out: dict[int, Recording] = dict(enumerate(recordings))
     for keys in (_stems(pieces), _without_common(pieces, held)):
         groups: dict[tuple[str, str], list[int]] = {}
@@ -52,14 +51,14 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
     odd = [k for k in left if _alone(pieces[k]) or {"motion", "force"} - held[k] in [held[j] for j in left]]
     if not odd:
         return list(out.values()), []
-    if none_whole and len(pieces) > 1 and _one_test(held):
+    if len(left) == len(pieces) > 1 and _one_test(held):
         names = ", ".join(x.where for x in pieces[:MOST_NAMED]) + (" ..." if len(pieces) > MOST_NAMED else "")
         said = f"None of {names} holds both displacement and force: are they channels of one test?"
         return [_one(pieces)], [Question("--join", "", "", f"{said} If of several, import each test alone.")]
     what = " and ".join(x for x, role in (("displacement", "motion"), ("force", "force")) if role not in held[odd[0]])
     raise CampaignError(
-        f"{pieces[odd[0]].where} lacks the {what}, and no other goes with it: add the file that holds it, name the "
-        "files of one test alike (run1_disp, run1_force), or import each test alone with --join"
+        f"{pieces[odd[0]].where} lacks the {what}, and no other goes with it: add the file that holds it, or leave "
+        "this one out. Name the files of one test alike (run1_disp, run1_force), or import each test alone with --join"
     )
 
 
