@@ -167,3 +167,13 @@ def test_a_displacement_that_is_clipped_is_said_in_one_line(record, spring, limi
     r = replace(r, displacement_mm=np.clip(u, -limit, limit))
     (line,) = said_of(limits_of_loops([r], [check_record(r)[1]]))
     assert f"displacement may be clipped at {limit:g} and -{limit:g} mm" in line
+
+
+@pytest.mark.parametrize("level", [0.72, 0.9, 0.97])
+def test_a_code_near_the_force_is_said_to_be_a_limit(record, level):
+    """Four times the force, at both ends: as a WAV file's full scale. Found by fuzz_planted.py (seed 17, 727)."""
+    p = 2 * np.pi * 5.0 * (t := np.arange(400) / 213.0)
+    force = np.sin(p + 0.4)
+    force = np.where(np.abs(force) > level, 4 * np.sign(force), force)
+    r = replace(record(frequency_hz=5.0, time_s=t), displacement_mm=np.sin(p), force_N=force)
+    assert {x.side for x in limits_of_loops([r], [check_record(r)[1]])} == {1, -1}

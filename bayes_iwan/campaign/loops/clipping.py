@@ -170,8 +170,8 @@ def _top(loop: Loop, values: Array, side: int) -> Top | None:
 
 
 def _left_at_speed(record: Record, loop: Loop, limit: Limit) -> bool:
-    """Does a force leave a level more straight than curved over three samples? So it leaves an amplifier's; friction
-    leaves its plateau as the motion turns or begins: from rest, unless that has a corner there."""
+    """Does a force leave a level more straight than curved over three samples? So it leaves an amplifier's, or jumps;
+    friction leaves its plateau as the motion turns or begins: from rest, unless that has a corner there."""
     force, motion = (limit.side * x[loop.cut.index] for x in (record.force_N, record.displacement_mm))
     below = limit.side * limit.level - force
     ends = np.flatnonzero((below[:-4] == 0) & (below[1:-3] > 0))[:, None]
@@ -182,7 +182,8 @@ def _left_at_speed(record: Record, loop: Loop, limit: Limit) -> bool:
     first, second, third = below[ends + np.arange(1, 4)].T
     curve = (third - 2 * second + first) / 2
     speed = np.sqrt(np.maximum((second - first - curve) ** 2 - 4 * curve * first, 0.0))  # of a parabola at the level
-    return bool(np.median((2 * speed > (third - first) / 2) & ~turns))
+    jumps = (first > third - first) & (before * after > 0)  # a code, no dry friction, which does so at a turn
+    return bool(np.median(((2 * speed > (third - first) / 2) | jumps) & ~turns))
 
 
 def _cornered(top: Top) -> bool:
