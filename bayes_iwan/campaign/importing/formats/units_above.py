@@ -36,29 +36,32 @@ def units_above(names: Sequence[str], lines: Sequence[str]) -> dict[int, str]:
     return {k: some.pop() for k, some in found.items() if len(some) == 1}
 
 
-def _may_be(name: str, unit: str) -> bool:
-    """Whether a unit can be that of a column: of a role that its name says, if it says one."""
-    roles = [role for role in WORDS if named(name, role)]
-    return not roles or is_volts(unit) or any(may_be(unit, role) for role in roles)
-
-
 def _listed(names: Sequence[str], units: Sequence[str]) -> dict[int, str]:
     """Units of all columns, or without one of times of all others, in order; else where no other can be a column's."""
     timed = any(may_be(u, "time") for u in units)
     for columns in (range(len(names)), [k for k, x in enumerate(names) if timed or not named(x, "time")]):
         if len(columns) == len(units) and all(_may_be(names[k], u) for k, u in zip(columns, units)):
             return dict(zip(columns, units))
-    known = [k for k, x in enumerate(names) if any(named(x, role) for role in WORDS)]
-    fits = {k: {u for u in units if _may_be(names[k], u)} for k in known}
+    fits = {k: {u for u in units if _may_be(x, u)} for k, x in enumerate(names) if _roles(x)}
     return {k: some.pop() for k, some in fits.items() if len(some) == 1}
 
 
 def _labelled(names: Sequence[str], what: str, units: Sequence[str]) -> dict[int, str]:
-    """The unit of the columns that a label means, by their name, by its role, or as oscilloscopes say it."""
+    """The unit of the columns that a label means: by their name or words of it, by its role, or as oscilloscopes do."""
     if len(set(units)) > 1:
         return {}
-    ends = {"vertical": names[-1:], "horizontal": names[:1]}.get(what)
-    same = ends or [x for x in names if what == x.lower()]
-    same = same or [x for x in names if x and (what in x.lower() or x.lower() in what.split())]
-    same = same or [x for x in names if any(named(x, role) and named(what, role) for role in WORDS)]
-    return {k: units[0] for k, x in enumerate(names) if x in same and _may_be(x, units[0])}
+    words = [set(re.findall(r"[^\W_]+", x.lower())) for x in (what, *names)]
+    same = [k for k, x in enumerate(names) if what == x.lower()]
+    same = {"vertical": [len(names) - 1], "horizontal": [0]}.get(what, same)
+    same = same or [k for k, x in enumerate(words[1:]) if x and (x <= words[0] or words[0] <= x)]
+    same = same or [k for k, x in enumerate(names) if _roles(x) & _roles(what)]
+    return {k: units[0] for k in same if _may_be(names[k], units[0])}
+
+
+def _roles(name: str) -> set[str]:
+    return {role for role in WORDS if named(name, role)}
+
+
+def _may_be(name: str, unit: str) -> bool:
+    """Whether a unit can be that of a column: of a role that its name says, if it says one."""
+    return not (roles := _roles(name)) or is_volts(unit) or any(may_be(unit, role) for role in roles)
