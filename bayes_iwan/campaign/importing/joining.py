@@ -62,9 +62,12 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
     )
 
 
+def _signals(recording: Recording) -> list[Channel]:
+    return [c for c in recording.channels if not is_time(c)]
+
+
 def _alone(recording: Recording) -> bool:
-    """Whether a recording holds one channel beside its times."""
-    return sum(not is_time(c) for c in recording.channels) < 2
+    return len(_signals(recording)) < 2
 
 
 def _one_test(held: Sequence[set[str]]) -> bool:
@@ -87,15 +90,12 @@ def _with_times(recordings: Sequence[Recording]) -> list[Recording]:
 
 def _by_file(recording: Recording) -> Recording:
     """A recording whose only channel does not say what it is has its file's or part's name before it."""
-    label = recording.part or Path(recording.file).stem
-    (k, *others) = [k for k, c in enumerate(recording.channels) if not is_time(c)] or [0]
-    c = recording.channels[k]
-    if others or c.name.startswith(label) or any(named(c.name, role) for role in WORDS):
+    label, c = recording.part or Path(recording.file).stem, _signals(recording)[:1]
+    if not _alone(recording) or not c or c[0].name.startswith(label) or any(named(c[0].name, x) for x in WORDS):
         return recording
-    bare = re.fullmatch(r"column \d+|Untitled( \d+)?|channel \d+", c.name)
-    name = label if bare else f"{label}.{c.name}"
-    channels = (*recording.channels[:k], replace(c, name=name, heading=name), *recording.channels[k + 1 :])
-    return replace(recording, channels=channels)
+    bare = re.fullmatch(r"column \d+|Untitled( \d+)?|channel \d+", c[0].name)
+    new = replace(c[0], name=label if bare else f"{label}.{c[0].name}", heading="")
+    return replace(recording, channels=tuple(new if x is c[0] else x for x in recording.channels))
 
 
 def _stems(pieces: Sequence[Recording]) -> list[str]:
