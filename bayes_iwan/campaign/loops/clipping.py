@@ -128,8 +128,8 @@ def _resting(values: Array, n_cycles: int, step: float) -> float:
 
 
 def _force_goes_on(values: Array, force: Array) -> bool:
-    """Does the force (n,) move while the displacement stays on its highest value? A motion that goes on unseen has, in
-    the second half of that time, half the speed that it leaves with, a drive that dwells none: a quarter parts them."""
+    """Does the force (n,) move while the displacement stays on its highest value? A motion that goes on beyond
+    has in the second half of that time half the speed that it leaves with, a dwell has none: a quarter parts them."""
     at = np.concatenate([[False], values == values.max(), [False]])
     first, last = np.flatnonzero(at[1:] & ~at[:-1]), np.flatnonzero(at[:-1] & ~at[1:]) - 1
     half = (last - first + 1) // 2
