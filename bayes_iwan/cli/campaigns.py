@@ -30,7 +30,7 @@ def _channels(parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
 
 
 def _tests(parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
-    from bayes_iwan.campaign.importing.read import recordings_in
+    from bayes_iwan.campaign.folders.contents import recordings_in
 
     return {path.stem for name in parsed_args.files for path in recordings_in(name)}
 

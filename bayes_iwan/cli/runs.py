@@ -45,7 +45,7 @@ def refuse_recordings(path: str) -> None:
             f"{path}: the results of a run, no campaign; {RECORD} in it names the campaign. These commands take "
             "results: bayes-iwan report, bayes-iwan export"
         )
-    from bayes_iwan.campaign.importing.read import recordings_in
+    from bayes_iwan.campaign.folders.contents import recordings_in
 
     if any(p.is_file() for p in recordings_in(path)):
         what = "a folder of recordings" if here.is_dir() else "recordings"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign.loops.checks import check_record
-from bayes_iwan.campaign.loops.clipping import limits_of_loops
+from bayes_iwan.campaign.loops.clipping import limits_of_loops, said_of
 
 AMPLITUDES = (0.5, 1.0, 1.5)
 
@@ -137,3 +137,43 @@ def test_a_slider_alone_is_not_clipped(record, digits, corners):
             f[k] = np.clip(f[k - 1] + 40.0 * (u[k] - u[k - 1]), -5.0, 5.0)
     r = replace(record(time_s=t), displacement_mm=u, force_N=np.round(f, digits))
     assert not limits_of_loops([r], [check_record(r)[1]])
+
+
+def _spring_and_slider(u, spring):
+    z = np.zeros_like(u)
+    for k in range(1, u.size):
+        z[k] = np.clip(z[k - 1] + 60.0 * (u[k] - u[k - 1]), -5.0, 5.0)
+    return z + spring * u
+
+
+@pytest.mark.parametrize("rate", [1000.0, 983.0])
+@pytest.mark.parametrize("dwell", [0.0, 0.1, 0.3, 0.6])
+@pytest.mark.parametrize("spring", [0.0, 2.0])
+def test_nothing_is_said_of_a_triangle_or_trapezoid(record, rate, dwell, spring):
+    """One test, no noise: displacement and force stay at their highest values while the drive dwells."""
+    t = np.arange(int(2 * rate)) / rate
+    u = np.clip((4 * np.abs((5.0 * t + 0.88) % 1.0 - 0.5) - 1) / (1 - dwell), -1, 1)
+    r = replace(record(frequency_hz=5.0, time_s=t), displacement_mm=u, force_N=_spring_and_slider(u, spring))
+    assert not limits_of_loops([r], [check_record(r)[1]])
+
+
+@pytest.mark.parametrize("spring", [0.0, 2.0])
+@pytest.mark.parametrize("limit", [0.5, 0.8, 0.95])
+def test_a_displacement_that_is_clipped_is_said_in_one_line(record, spring, limit):
+    """The force goes on while the displacement stays."""
+    t = np.arange(2000) / 983.0
+    u = np.sin(2 * np.pi * 5.0 * t)
+    r = replace(record(frequency_hz=5.0, amplitude_mm=limit, time_s=t), force_N=_spring_and_slider(u, spring))
+    r = replace(r, displacement_mm=np.clip(u, -limit, limit))
+    (line,) = said_of(limits_of_loops([r], [check_record(r)[1]]))
+    assert f"displacement may be clipped at {limit:g} and -{limit:g} mm" in line
+
+
+@pytest.mark.parametrize("level", [0.72, 0.9, 0.97])
+def test_a_code_near_the_force_is_said_to_be_a_limit(record, level):
+    """Four times the force, at both ends: as a WAV file's full scale. Found by fuzz_planted.py (seed 17, 727)."""
+    p = 2 * np.pi * 5.0 * (t := np.arange(400) / 213.0)
+    force = np.sin(p + 0.4)
+    force = np.where(np.abs(force) > level, 4 * np.sign(force), force)
+    r = replace(record(frequency_hz=5.0, time_s=t), displacement_mm=np.sin(p), force_N=force)
+    assert {x.side for x in limits_of_loops([r], [check_record(r)[1]])} == {1, -1}

@@ -1,63 +1,25 @@
 """A known signal, written in every form that public programs write, comes back within the form's own rounding.
 
-Hypothesis draws the signal and how it is written: 12 examples a form, or as many as BAYES_IWAN_EXAMPLES says.
+Hypothesis draws the signal and how it is written.
 """
 
 import datetime
-import os
+import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).parent))
+from known_signals import back, back_or_said, form, same, signals
 
 from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
-
-EXAMPLES = int(os.environ.get("BAYES_IWAN_EXAMPLES", "12"))
-form = settings(
-    max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-
-
-@st.composite
-def signals(draw):
-    """Rate (Hz), displacement (mm) and force (N) of a friction loop, of other frequency, size and length each time."""
-    rate = draw(st.sampled_from([200.0, 250.0, 1000.0, 1280.0]))
-    per_cycle = draw(st.integers(24, 90)) + draw(st.sampled_from([0.0, 0.37]))
-    cycles = draw(st.floats(5.3, 9.0))
-    amplitude = draw(st.floats(0.2, 3.0))
-    p = 2 * np.pi * np.arange(int(per_cycle * cycles)) / per_cycle + draw(st.floats(0.0, 6.0))
-    force = draw(st.floats(20.0, 3000.0)) * (np.sin(p + 0.4) + 0.15 * np.sin(3 * p + 0.9))
-    return rate, amplitude * np.sin(p), force
-
-
-def back(write, recipe=None, rtol=1e-6, shift=0, **options):
-    """Write into a folder by write(folder) -> path, import, and give the record."""
-    with tempfile.TemporaryDirectory() as folder:
-        found = import_tests([write(Path(folder))], recipe or Recipe(), **options)
-    assert len(found) == 1
-    return found[0].record
-
-
-def back_or_said(write, words):
-    """The same; None where too little is left of the record, and that is said."""
-    try:
-        return back(write)
-    except CampaignError as error:
-        assert words in str(error)
-        return None
-
-
-def same(record, rate, x, f, digits=5, time_digits=6):
-    """The record holds the signal within what so many digits behind the point round."""
-    n = record.time_s.size
-    assert abs(n - x.size) <= 1
-    np.testing.assert_allclose(record.displacement_mm, x[:n], atol=0.51 * 10.0**-digits + 1e-9 * np.abs(x).max())
-    np.testing.assert_allclose(record.force_N, f[:n], atol=0.51 * 10.0**-digits + 1e-9 * np.abs(f).max())
-    np.testing.assert_allclose(record.time_s - record.time_s[0], np.arange(n) / rate, atol=1.01 * 10.0**-time_digits)
+from bayes_iwan.cli import parser
+from bayes_iwan.cli.campaigns import _recipe
 
 
 @form
@@ -134,6 +96,39 @@ def test_stamps_through_midnight_and_rollover(signal, kind, before):
     def write(folder):
         (folder / "a.csv").write_text(f"{head};Weg [mm];Kraft [N]\n{rows}")
         return folder / "a.csv"
+
+    same(back(write), rate, x, f, time_digits=5)
+
+
+@form
+@given(
+    signals(),
+    st.sampled_from(["%H:%M:%S.%f", "%I:%M:%S.%f %p", "%I:%M:%S.%f", "1899-12-30 %H:%M:%S.%f", "excel", "excel text"]),
+    st.sampled_from(["%d.%m.%Y", "%Y-%m-%d", "%Y-%m-%d 00:00:00", "%m/%d/%y", "excel"]),
+    st.integers(1, 60),
+    st.sampled_from([0, 1, 3, -1, -3, 50, 10_000]),
+)
+def test_a_date_beside_times_of_day_may_change_late_or_early(signal, time, date, before, late):
+    """Midnight is `before` samples after the start; the date changes `late` samples after it, or never."""
+    rate, x, f = signal
+    rate = 1000.0 if time == "excel" else rate  # whose times of day end at ms in openpyxl
+    midnight = datetime.datetime(2024, 3, 1) - datetime.timedelta(seconds=before / rate)
+    stamps = [midnight + datetime.timedelta(seconds=round(k / rate, 6)) for k in range(x.size)]
+    days = [stamps[int(np.clip(k - late, 0, x.size - 1))].date() for k in range(x.size)]
+    excel = "excel" in (time, date)
+    times = [s.time() if time == "excel" else s.strftime("%H:%M:%S.%f" if "e" in time else time) for s in stamps]
+    dates = [d if date == "excel" else d.strftime(date) for d in days]
+    rows = [("Datum", "Zeit", "Weg [mm]", "Kraft [N]"), *zip(dates, times, np.round(x, 6), np.round(f, 6))]
+
+    def write(folder):
+        if not excel:
+            (folder / "a.csv").write_text("".join(";".join(map(str, row)) + "\n" for row in rows))
+            return folder / "a.csv"
+        book = pytest.importorskip("openpyxl").Workbook()
+        for row in rows:
+            book.active.append([v.item() if isinstance(v, np.floating) else v for v in row])
+        book.save(folder / "a.xlsx")
+        return folder / "a.xlsx"
 
     same(back(write), rate, x, f, time_digits=5)
 
@@ -542,15 +537,91 @@ def test_a_time_in_whole_numbers_without_a_unit_is_asked_of(tmp_path):
     assert test.rate_hz == pytest.approx(500.0) or test.record.time_s[1] == pytest.approx(0.002)
 
 
-def test_two_files_of_one_channel_each_are_asked_of(tmp_path):
+#: a file or group for each channel, and what its channel is called: of the displacement, then of the force
+SENSORS = {
+    "named by file": (("run1_disp", "run1_load"), ("Value", "Value")),
+    "named by file in part": (("laser", "x32"), ("Value", "Value")),
+    "named by nothing": (("ch1", "ch2"), ("Value", "Value")),
+    "without a name": (("ch1", "ch2"), ("", "")),
+    "named by channel": (("a_31", "b_32"), ("Weg", "Kraft")),
+    "with units": (("a_31", "b_32"), ("Weg (mm)", "Kraft (N)")),
+}
+
+
+def _a_channel_a_file(folder, kind, rate, x, f, container, clock):
+    """One file a channel, or one TDMS group or MATLAB struct."""
+    t = np.arange(x.size) / rate
+    parts, names = SENSORS[kind]
+    for part, name, values in zip(parts, names, (x, f)):
+        if container == "text":
+            rows = zip(*map(_digits, (t, values) if clock else (values,)))
+            head = f"{'Time (s),' if clock else ''}{name}\n" if name or clock else ""
+            (folder / f"{part}.csv").write_text(head + "".join(",".join(row) + "\n" for row in rows))
+        elif container == "matlab files":
+            import scipy.io
+
+            scipy.io.savemat(folder / f"{part}.mat", {"y": values} | ({"t_s": t} if clock else {}))
+    if container == "matlab":
+        import scipy.io
+
+        both = {p: {"y": v} | ({"t_s": t} if clock else {}) for p, v in zip(parts, (x, f))}
+        scipy.io.savemat(folder / "a.mat", both)
+    if container.startswith("tdms"):
+        nptdms = pytest.importorskip("nptdms")
+        said = {"wf_increment": 1 / rate} if clock else {}
+        groups = [(p, n or "Untitled", v) for p, n, v in zip(parts, names, (x, f))]
+        for file in [[g] for g in groups] if container == "tdms files" else [groups]:
+            with nptdms.TdmsWriter(folder / f"{file[0][0] if container == 'tdms files' else 'a'}.tdms") as writer:
+                writer.write_segment([nptdms.ChannelObject(g, n, v, said) for g, n, v in file])
+    return folder
+
+
+@form
+@given(
+    signals(),
+    st.sampled_from(list(SENSORS)),
+    st.sampled_from(["text", "tdms", "tdms files", "matlab", "matlab files"]),
+    st.booleans(),
+)
+def test_a_channel_a_file_is_asked_of_once(signal, kind, container, clock):
+    """The command that the only message ends with works, with answers in the place of its < >."""
+    rate, x, f = signal
+    if "a_31" in SENSORS[kind][0] and container.startswith("matlab"):
+        return  # whose variables are called alike here
+    answers = {"<HZ>": f"{rate}", "displacement=<UNIT>": "displacement=mm", "force=<UNIT>": "force=N"}
+    with tempfile.TemporaryDirectory() as folder:
+        (home := Path(folder, "rig")).mkdir()
+        _a_channel_a_file(home, kind, rate, x, f, container, clock)
+        words = ["import", str(home), "--out", str(Path(folder, "campaign"))]
+        for again in (True, False):
+            args = parser().parse_args(words)
+            try:
+                recipe = _recipe(args)
+                (found,) = import_tests(args.files, recipe, args.split, args.held_out, args.join)
+                break
+            except ImportAsks as asks:
+                assert again, str(asks)
+                for question in asks.questions:
+                    role = 0 if question.option == "--displacement" else 1
+                    part, name = (some[role] for some in SENSORS[kind])
+                    name = "y" if "matlab" in container else name
+                    name = f"{part}.{name}" if name else part
+                    more = question.words()
+                    words += [answers.get(w, name if w == "<NAME>" else w) for w in more]
+    same(found.record, rate, x, f, digits=6)
+
+
+@pytest.mark.parametrize("channels", [("Value", "Value"), ("Weg (mm)", "Kraft (N)")])
+def test_sensors_of_several_tests_are_paired_by_what_differs_in_their_names(tmp_path, channels):
     p = 2 * np.pi * np.arange(400) / 40
-    for name, head, y in (("laser_31", "Weg (mm)", np.sin(p)), ("hbm_32", "Kraft (N)", np.sin(p + 0.4))):
-        _table(tmp_path, f"Time (s),{head}", _digits(p / 10), _digits(y)).rename(tmp_path / f"{name}.csv")
-    files = sorted(tmp_path.iterdir())
-    with pytest.raises(ImportAsks, match="channels of one test") as asked:
-        import_tests(files)
-    assert asked.value.questions[0].option == "--join"
-    assert len(import_tests(files, join=True)) == 1
+    for k in (1, 2):
+        for part, name, y in zip(("laser", "load cell"), channels, (k * np.sin(p), np.sin(p + 0.4))):
+            _table(tmp_path, f"Time (s),{name}", _digits(p / 10), _digits(y)).rename(tmp_path / f"{part}_0{k}.csv")
+    tests = import_tests([tmp_path], Recipe(units={"displacement": "mm", "force": "N"}))
+    assert [round(x.loop.amplitude_mm) for x in tests] == [1, 2]
+    (tmp_path / "laser_02.csv").unlink()
+    with pytest.raises(CampaignError, match="lacks the displacement, and no other goes with it"):
+        import_tests([tmp_path], Recipe(units={"displacement": "mm", "force": "N"}))
 
 
 def test_two_channels_of_one_name_and_unit_are_asked_of(tmp_path):

@@ -251,3 +251,35 @@ def test_a_force_along_x_is_no_displacement(tmp_path):
 
 def test_a_revolution_is_an_angle():
     assert split_name("Angle (rev)") == ("Angle", "rev") and role_of("rev") == "displacement"
+
+
+@pytest.mark.parametrize(
+    ("above", "factor"),
+    [
+        ("Units: s, mm, kN", 1e3),
+        ("Units: mm, N", 1.0),
+        ("Einheiten: mm; kN", 1e3),
+        ("Units: kN mm s", None),  # a product?
+        ("Disp: mm\nForce unit = kN", 1e3),
+        ("# Disp: mm, Force: kN", 1e3),
+        ("Displacement in mm, force in kN", 1e3),
+        ("Units = disp [mm], force [kN]", 1e3),
+        ("Channel 1: Disp, mm\nChannel 2: Force, kN", 1e3),
+        ("Einheit Kraft: kN\nEinheit Weg: mm", 1e3),
+        ("Disp: mm\nForce: 3 kN max", None),
+        ("Disp: mm\nForce: N\nForce: kN", None),
+        ("Units: mm, mm", None),
+        ("Units: SI", None),
+        ("Force: mm\nDisp: mm", None),
+    ],
+)
+def test_units_of_lines_above_are_read_where_they_can_be_one_thing_alone(tmp_path, above, factor):
+    rows = "".join(f"{t:.6f};{x:.6f};{f:.6f}\n" for t, x, f in zip(T, X, F))
+    (tmp_path / "a.csv").write_text(f"Rig 3\n{above}\nTime;Disp;Force\n{rows}")
+    if factor is None:
+        with pytest.raises(ImportAsks, match=r"'Force' .force. states no unit"):
+            import_tests([tmp_path / "a.csv"])
+        return
+    (found,) = import_tests([tmp_path / "a.csv"])
+    np.testing.assert_allclose(found.record.force_N, factor * F, atol=1e-2)
+    assert any("units by the lines above: " in x and "'Disp' in mm" in x for x in found.said)

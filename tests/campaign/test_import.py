@@ -545,3 +545,28 @@ def test_a_wav_file_that_ends_early_is_said(tmp_path, record, cut):
     recipe = Recipe(channels={"displacement": "1", "force": "2"}, units={"displacement": "100 mm", "force": "100 N"})
     (test,) = import_tests([tmp_path / "a.wav"], recipe)
     assert any("ends before its samples do" in w for w in test.record.warnings) == bool(cut)
+
+
+def test_a_folder_of_folders_says_which_and_the_command_for_one_and_for_all(
+    tmp_path, monkeypatch, capsys, table, record
+):
+    """The commands that it names are run."""
+    from bayes_iwan.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    r = record()
+    for name in ("a 1", "b"):
+        (tmp_path / "rig" / name).mkdir(parents=True)
+        table(f"rig/{name}/x.csv", {"time_s": r.time_s, "disp_mm": r.displacement_mm, "force_N": r.force_N})
+    for command in ("import", "check", "identify"):
+        assert main([command, "rig"]) == 2
+        said = capsys.readouterr().err
+        assert "rig: folders of recordings: a 1, b. Import each specimen: " in said
+        assert 'bayes-iwan import "rig/a 1" --out "rig-campaigns/a 1"; then all: bayes-iwan batch "rig-camp' in said
+    assert main(["import", "rig/a 1", "--out", "rig-campaigns/a 1"]) == 0
+    for command in ("import", "check", "identify"):
+        assert main([command, "rig-campaigns"]) == 2
+        said = capsys.readouterr().err
+        assert (
+            'a folder of campaigns: a 1. One of them: bayes-iwan check "rig-campaigns/a 1"; all: bayes-iwan b' in said
+        )

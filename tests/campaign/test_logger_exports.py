@@ -555,7 +555,10 @@ def test_factors_that_a_matlab_file_holds_as_a_vector_are_warned_of(tmp_path):
     [
         ('{"t": [0.1, 0.2', "damaged JSON"),
         ('{"a": [1, 2]}', "no signals of 16 samples"),
-        (f'{{"a": [{", ".join(["9" * 400] * 16)}]}}', "No channel is known as force"),  # larger than any number
+        (
+            f'{{"a": [{", ".join(["9" * 400] * 16)}]}}',
+            "lacks the force, and no other goes with it",
+        ),  # larger than any number
     ],
 )
 def test_json_that_holds_no_recording(tmp_path, text, what):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.arrays import Array, wrapped
+from bayes_iwan.campaign.folders.contents import folders_said
 from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE, Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record, check_time, on_grid_of_rate, step_warnings
@@ -173,6 +174,8 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
     folder = Path(path)
     if folder.name == "campaign.toml":
         folder = folder.parent
+    if not (folder / "campaign.toml").exists() and (said := folders_said(folder)):
+        raise CampaignError(said)
     stated = read_toml(folder / "campaign.toml", "a campaign is a folder with a file campaign.toml in it")
     only(stated, {"format", "specimen", "channels", "rig", "test"}, "campaign.toml")
     if stated.get("format") != FORMAT or isinstance(stated["format"], bool):

@@ -82,7 +82,8 @@ def import_tests(
     """
     recipe = recipe or Recipe()
     found, passed_over = read_files(files, recipe.layout)
-    recordings = _named_parts(joined(found, recipe, join), recipe)
+    recordings, join_asked = joined(found, recipe, join)
+    recordings = _named_parts(recordings, recipe)
     tests: list[ImportedTest] = []
     asked: list[ImportAsks] = []
     for recording in recordings:
@@ -90,9 +91,9 @@ def import_tests(
             tests += _tests(recording, recipe, split)
         except ImportAsks as missing:
             asked.append(missing)
-    if asked:
+    if asked or join_asked:
         others = [replace(q, text=f"In {x.where}: {q.text}") for x in asked[1:] for q in x.questions]
-        raise ImportAsks(asked[0].where, [*asked[0].questions, *others])
+        raise ImportAsks(recordings[0].where, [*join_asked, *(q for x in asked[:1] for q in x.questions), *others])
     if not tests:
         raise CampaignError("import: no files")
     tests[-1] = replace(tests[-1], said=(*tests[-1].said, *passed_over))

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_iwan.campaign.importing.channels import is_time, roles_held
 from bayes_iwan.campaign.importing.names import WORDS, named
-from bayes_iwan.campaign.importing.questions import ImportAsks, Question
+from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.scaling import YEARS_S
@@ -19,34 +19,60 @@ from bayes_iwan.campaign.recording.records import CampaignError
 #: words that name a sensor beside what it measures (load cell)
 SENSORS = r"cell|sensor|transducer|channel|signal|data|zelle|aufnehmer|kanal|messdose|capteur|sensore"
 
+MOST_NAMED = 6  # files in a question
 
-def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) -> list[Recording]:
-    """Recordings that lack the motion or the force, put together with those that hold it.
 
-    Parts of one file belong together, and files whose names differ in what they hold alone (f10_disp, f10_load).
+def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) -> tuple[list[Recording], list[Question]]:
+    """Recordings that lack the motion or the force, put together with those that hold it, and what is asked of that.
+
+    Parts of one file belong together, and files whose names differ in what they hold alone (f10_disp, f10_load; laser
+    1, laser 2, cell 1, cell 2). What is left over is put together as if the question were answered.
     all_in_one : all files are one test, whatever their names. Raises CampaignError where the pieces do not fit.
     """
     recordings = _with_times(recordings)
     pieces = [_by_file(x) for x in recordings]
+    if all_in_one or not pieces:
+        return [_one(pieces)] if pieces else [], []
     held = [roles_held(x, recipe) for x in pieces]
-    if all_in_one:
-        return [_one(pieces)] if pieces else []
-    groups: dict[tuple[str, str], list[int]] = {}
-    for k, (x, roles) in enumerate(zip(pieces, held)):
-        if len(roles) < 2:
-            same_file = sum(y.file == x.file for y in pieces) > 1
-            groups.setdefault((x.file, "") if same_file else ("", _stem(x)), []).append(k)
-    out: list[Recording] = list(recordings)
-    gone: set[int] = set()
-    for members in groups.values():
-        some = [held[k] for k in members]
-        if set().union(*some) == {"motion", "force"} and sum(map(len, some)) == 2:
-            out[members[0]] = _one([pieces[k] for k in members])
-            gone.update(members[1:])
-            for k in members:
-                held[k] = {"motion", "force"}
-    _ask_to_join(pieces, held)
-    return [x for k, x in enumerate(out) if k not in gone]
+    left = [k for k, roles in enumerate(held) if len(roles) < 2]
+    out: dict[int, Recording] = dict(enumerate(recordings))
+    for keys in (_stems(pieces), _without_common(pieces, held)):
+        groups: dict[tuple[str, str], list[int]] = {}
+        for k in left:
+            groups.setdefault((pieces[k].file if pieces[k].part else "", keys[k]), []).append(k)
+        for (file, _), members in groups.items():
+            some = [held[k] for k in members]
+            whole = sum("motion" in x for x in some) == sum("force" in x for x in some) == 1
+            parts = file and len(some) > 1 and all(_alone(pieces[k]) for k in members)
+            if whole or (parts and _one_test(some)):
+                out[members[0]] = _one([pieces[k] for k in members])
+                out = {k: x for k, x in out.items() if k not in members[1:]}
+                left = [k for k in left if k not in members]
+    odd = [k for k in left if _alone(pieces[k]) or {"motion", "force"} - held[k] in [held[j] for j in left]]
+    if not odd:
+        return list(out.values()), []
+    if len(left) == len(pieces) > 1 and _one_test(held):
+        names = ", ".join(x.where for x in pieces[:MOST_NAMED]) + (" ..." if len(pieces) > MOST_NAMED else "")
+        said = f"None of {names} holds both displacement and force: are they channels of one test?"
+        return [_one(pieces)], [Question("--join", "", "", f"{said} If of several, import each test alone.")]
+    what = " and ".join(x for x, role in (("displacement", "motion"), ("force", "force")) if role not in held[odd[0]])
+    raise CampaignError(
+        f"{pieces[odd[0]].where} lacks the {what}, and no other goes with it: add the file that holds it, or leave "
+        "this one out. Name the files of one test alike (run1_disp, run1_force), or import each test alone with --join"
+    )
+
+
+def _signals(recording: Recording) -> list[Channel]:
+    return [c for c in recording.channels if not is_time(c)]
+
+
+def _alone(recording: Recording) -> bool:
+    return len(_signals(recording)) < 2
+
+
+def _one_test(held: Sequence[set[str]]) -> bool:
+    """Whether pieces may be one test: not where several hold the motion and several the force."""
+    return min(sum(role in x for x in held) for role in ("motion", "force")) <= 1
 
 
 def _with_times(recordings: Sequence[Recording]) -> list[Recording]:
@@ -62,35 +88,29 @@ def _with_times(recordings: Sequence[Recording]) -> list[Recording]:
     return out or list(recordings)
 
 
-def _ask_to_join(pieces: Sequence[Recording], held: Sequence[set[str]]) -> None:
-    """Ask whether recordings that hold the motion alone and the force alone are one test."""
-    motions, forces = ([x for x, roles in zip(pieces, held) if roles == {role}] for role in ("motion", "force"))
-    if not motions or not forces:
-        return
-    said = f"{motions[0].where} holds the displacement alone, {forces[0].where} the force alone"
-    if len(pieces) == 2:
-        raise ImportAsks(motions[0].where, [Question("--join", "", "", f"{said}: are they channels of one test?")])
-    raise CampaignError(
-        f"{said}: name the files of one test alike (run1_disp, run1_force), or import each test alone with --join"
-    )
-
-
 def _by_file(recording: Recording) -> Recording:
-    """A recording whose only channel has no name of its own is named by its file."""
-    own = [c for c in recording.channels if not re.fullmatch(r"column \d+|Untitled( \d+)?|channel \d+", c.name)]
-    if len(recording.channels) - len(own) != 1 or any(named(c.name, r) for c in own for r in WORDS if r != "time"):
+    """A recording whose only channel does not say what it is has its file's or part's name before it."""
+    label, c = recording.part or Path(recording.file).stem, _signals(recording)[:1]
+    if not _alone(recording) or not c or c[0].name.startswith(label) or any(named(c[0].name, x) for x in WORDS):
         return recording
-    name = recording.part or Path(recording.file).stem
-    channels = tuple(c if c in own else replace(c, name=name, heading=name) for c in recording.channels)
-    return replace(recording, channels=channels)
+    bare = re.fullmatch(r"column \d+|Untitled( \d+)?|channel \d+", c[0].name)
+    new = replace(c[0], name=label if bare else f"{label}.{c[0].name}", heading="")
+    return replace(recording, channels=tuple(new if x is c[0] else x for x in recording.channels))
 
 
-def _stem(recording: Recording) -> str:
-    """A file's name without the word that says what it holds."""
-    stem = Path(recording.file).stem
-    for role in ("displacement", "acceleration", "force"):
-        stem = re.sub(rf"(?<![^\W_])({WORDS[role]}|{SENSORS})(?![^\W\d_])", "", stem, flags=re.IGNORECASE)
-    return re.sub(r"[\W_]+", " ", stem).strip().lower()
+def _stems(pieces: Sequence[Recording]) -> list[str]:
+    """The names of files without the words that say what these hold; parts of a file are not parted."""
+    words = "|".join([*(WORDS[role] for role in ("displacement", "acceleration", "force")), SENSORS])
+    names = ["" if x.part else Path(x.file).stem for x in pieces]
+    names = [re.sub(rf"(?<![^\W_])({words})(?![^\W\d_])", "", x, flags=re.IGNORECASE) for x in names]
+    return [re.sub(r"[\W_]+", " ", x).strip().lower() for x in names]
+
+
+def _without_common(pieces: Sequence[Recording], held: Sequence[set[str]]) -> list[str]:
+    """The names of files or parts without what those that hold the same have in common, which says what they hold."""
+    words = [re.findall(r"\d+|[^\W\d_]+", (x.part or Path(x.file).stem).lower()) for x in pieces]
+    alike = [[w for w, other in zip(words, held) if other == roles] for roles in held]
+    return [" ".join(x for x in w if len(a) < 2 or not all(x in y for y in a)) for w, a in zip(words, alike)]
 
 
 def _one(pieces: Sequence[Recording]) -> Recording:

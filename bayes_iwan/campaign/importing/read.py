@@ -1,11 +1,11 @@
 """A file of any format that is known: which one its first bytes tell."""
 
-import glob
 import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from bayes_iwan.campaign.folders.contents import folders_said, recordings_in
 from bayes_iwan.campaign.importing.formats.excel import NUMPY, read_excel
 from bayes_iwan.campaign.importing.formats.matlab import read_hdf5, read_matlab
 from bayes_iwan.campaign.importing.formats.parquet import read_parquet
@@ -26,8 +26,6 @@ OTHERS = (
     (rb"CDF[\1\2\5]", "a netCDF 3 file; save it as netCDF 4: nccopy -k nc4 old.nc new.nc"),
     (DOCUMENT, "a document (XML, HTML, PDF); save its table as CSV or .xlsx"),
 )
-#: what a folder of recordings may hold besides
-OTHER_FILES = (".toml", ".md", ".html", ".tdms_index", ".png")
 
 
 def read_file(path: Path, layout: Layout) -> list[Recording]:
@@ -80,7 +78,7 @@ def read_files(files: Sequence[str | os.PathLike[str]], layout: Layout) -> tuple
         if (Path(name) / "campaign.toml").exists():
             raise CampaignError(f'{name}: is a campaign already; run: bayes-iwan check "{name}"')
         if not (some := recordings_in(name)):
-            raise CampaignError(f"{name}: no files there")
+            raise CampaignError(folders_said(Path(name)) or f"{name}: no files there")
         paths |= dict.fromkeys(some)
     for path in paths:
         try:
@@ -90,16 +88,5 @@ def read_files(files: Sequence[str | os.PathLike[str]], layout: Layout) -> tuple
                 raise
             passed.append(f"passed over, as no recording: {error}")
     if passed and not out:
-        raise CampaignError(passed[0])
+        raise CampaignError(next(filter(None, (folders_said(Path(x)) for x in files)), passed[0]))
     return out, tuple(passed)
-
-
-def recordings_in(name: str) -> list[Path]:
-    """The files that may be recordings in a folder, or that a pattern matches; else the path itself."""
-    path = Path(name)
-    if path.is_dir():
-        some = [p for p in sorted(path.iterdir()) if p.is_file() and not p.name.startswith((".", "~$"))]
-        return [p for p in some if p.suffix.lower() not in OTHER_FILES]
-    if not path.exists() and any(c in name for c in "*?["):
-        return [Path(p) for p in sorted(glob.glob(name, recursive=True)) if Path(p).is_file()]
-    return [path]

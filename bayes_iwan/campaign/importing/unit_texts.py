@@ -47,8 +47,8 @@ _WORDS = {
 _RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
 #: units that stand without brackets ("Force N", force_N): others are more often words and letters there
 _BARE = frozenset(
-    "mm um µm μm nm cm m in inch inches ft thou deg degrees rad mrad N kN mN newton newtons lbf kip kgf Nm kNm mNm Pa "
-    "kPa MPa bar mbar psi s ms us µs ns sec seconds min g mg m/s2 m/s² m/s^2 mm/s2 rad/s2 deg/s2 V mV".split()
+    "mm um µm μm nm cm m in inch inches ft thou deg degrees rad mrad N kN mN daN newton newtons lbf kip kgf Nm kNm mNm "
+    "Pa kPa MPa bar mbar psi s ms us µs ns sec seconds min g mg m/s2 m/s² m/s^2 mm/s2 rad/s2 deg/s2 V mV".split()
 )
 _FACTOR = re.compile(r"(?:\d/\d+|\d[.,]\d+|\bin \d+)\s*$")  # before a unit: 1/10 s, 0.01 mm
 _WIDE = str.maketrans("（）［］／，：", "()[]/,:")  # signs as wide as a Chinese character

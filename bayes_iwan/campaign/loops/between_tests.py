@@ -33,8 +33,8 @@ def compared(
     check_copies(records)
     check_units(records, loops)
     notes = [a + b for a, b in zip(_odd_angles(loops), _turned_round(loops))]
-    for limit in limits_of_loops(records if recorded is None else recorded, loops):
-        notes[[x.file for x in records].index(limit.file)].append(said_of(limit))
+    limits = limits_of_loops(records if recorded is None else recorded, loops)
+    notes = [n + said_of([x for x in limits if x.file == r.file]) for n, r in zip(notes, records)]
     noted = [replace(r, warnings=r.warnings + tuple(n)) if n else r for r, n in zip(records, notes)]
     return level_means(noted, loops)
 

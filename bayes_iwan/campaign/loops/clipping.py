@@ -7,6 +7,7 @@ held against the others before it is called clipped.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from bayes_iwan.campaign.timing.harmonics import white_noise
 COARSE = 0.01  # of the span: a smallest step so large that a flat top is a single value of the recorder
 FLAT = 0.01  # of the force's height: what counts as its top
 FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a sliding specimen's top takes at most
+CORNERED = 2.0  # times the usual change of speed within two samples: 1.4 at a sine's turn, many at a corner
 THROUGH = 0.02  # of the stroke after the motion has turned: friction and springs have let go of the top by then
 CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force curves long before
 ONE_LEVEL = 0.02  # of the level: so much an amplifier's limits differ between tests
@@ -62,20 +64,20 @@ def limits_of_loops(records: Sequence[Record], loops: Sequence[Loop]) -> tuple[L
     return tuple(x for x in found if _as_an_amplifier(x, found, records, loops))
 
 
-def said_of(limit: Limit) -> str:
-    """One line on a limit: what, what it does, what to do."""
-    wrong, unit = ("slip forces come", "N") if limit.channel == "force" else ("the stroke comes", "mm")
-    again = f"Raise the {limit.channel} range (lower the gain) and record again"
-    how = f"stays on it for {limit.share:.1%} of the time" if limit.exact else "has a flat top there, under noise"
-    if limit.quiet:
-        return (
-            f"the {limit.channel} is clipped at {limit.level:.6g} {unit}: it {how}, without the noise that it has "
-            f"elsewhere. {wrong[0].upper()}{wrong[1:]} out too small. {again}"
-        )
-    return (
-        f"the {limit.channel} may be clipped at {limit.level:.6g} {unit}: it {how}. If so, {wrong} out too small. "
-        f"{again}"
-    )
+def said_of(limits: Sequence[Limit]) -> list[str]:
+    """One line on the limits of a channel, which are at one side or at both: what, what it does, what to do."""
+    out = []
+    for (_, channel, exact, quiet), alike in groupby(limits, lambda x: (x.file, x.channel, x.exact, x.quiet)):
+        some = list(alike)
+        wrong, unit = ("slip forces come", "N") if channel == "force" else ("the stroke comes", "mm")
+        at = f"{' and '.join(f'{x.level:.6g}' for x in some)} {unit}"
+        how = f"stays there for {sum(x.share for x in some):.1%} of the time" if exact else "is flat, under noise"
+        said = f"the {channel} may be clipped at {at}: it {how}. If so, {wrong} out too small"
+        if quiet:
+            said = f"the {channel} is clipped at {at}: it {how}, without the noise that it has elsewhere. "
+            said += f"{wrong[0].upper()}{wrong[1:]} out too small"
+        out.append(f"{said}. Raise the {channel} range (lower the gain) and record again")
+    return out
 
 
 def _suspected(record: Record, loop: Loop) -> list[Limit]:
@@ -88,7 +90,7 @@ def _suspected(record: Record, loop: Loop) -> list[Limit]:
             continue
         for side in (1, -1):
             share = _resting(side * values, loop.n_cycles, float(steps.min()))
-            if share:
+            if share and (channel == "force" or _force_goes_on(side * values, record.force_N[index])):
                 level = float(side * np.max(side * values))
                 quiet = channel == "force" and _noise(loop, values, level) > max(steps.min(), LEAST_NOISE * span)
                 out.append(Limit(record.file, channel, side, level, True, quiet, share))
@@ -125,6 +127,17 @@ def _resting(values: Array, n_cycles: int, step: float) -> float:
     return float(at.mean()) if np.count_nonzero(at) > 3 * near else 0.0
 
 
+def _force_goes_on(values: Array, force: Array) -> bool:
+    """Does the force (n,) move while the displacement stays on its highest value? A motion that goes on beyond
+    has in the second half of that time half the speed that it leaves with, a dwell has none: a quarter parts them."""
+    at = np.concatenate([[False], values == values.max(), [False]])
+    first, last = np.flatnonzero(at[1:] & ~at[:-1]), np.flatnonzero(at[:-1] & ~at[1:]) - 1
+    half = (last - first + 1) // 2
+    whole = (half > 0) & (last + half < values.size)
+    before, then, after = (force[x[whole]] for x in (last - half, last, last + half))
+    return bool(4 * abs(np.mean(then - before)) > abs(np.mean(after - then))) if whole.any() else False
+
+
 def _top(loop: Loop, values: Array, side: int) -> Top | None:
     """The flat part of the force at one side, values (n,) its samples averaged by phase, since noise hides it in each;
     None where there is none to speak of."""
@@ -157,16 +170,20 @@ def _top(loop: Loop, values: Array, side: int) -> Top | None:
 
 
 def _left_at_speed(record: Record, loop: Loop, limit: Limit) -> bool:
-    """Does a force leave a level more straight than curved over three samples? So it leaves an amplifier's; friction
-    leaves its plateau as the motion turns, from rest unless that has corners."""
+    """Does a force leave a level more straight than curved over three samples? So it leaves an amplifier's, or jumps;
+    friction leaves its plateau as the motion turns or begins: from rest, unless that has a corner there."""
     force, motion = (limit.side * x[loop.cut.index] for x in (record.force_N, record.displacement_mm))
     below = limit.side * limit.level - force
     ends = np.flatnonzero((below[:-4] == 0) & (below[1:-3] > 0))[:, None]
-    u, (first, second, third) = motion[ends + np.arange(-1, 3)], below[ends + np.arange(1, 4)].T
-    turns = loop.corners & (np.max(u[:, 1:3], axis=1) > np.maximum(u[:, 0], u[:, 3]))
+    back = -np.diff(motion)
+    before, after = back[ends - 1 + np.array([0, 2])].T
+    usual = np.median(np.abs(back[2:] - back[:-2]))
+    turns = (after > np.maximum(2 * before, 0.0)) & (after - before > CORNERED * usual)
+    first, second, third = below[ends + np.arange(1, 4)].T
     curve = (third - 2 * second + first) / 2
     speed = np.sqrt(np.maximum((second - first - curve) ** 2 - 4 * curve * first, 0.0))  # of a parabola at the level
-    return bool(np.median((2 * speed > (third - first) / 2) & ~turns))
+    jumps = (first > third - first) & (before * after > 0)  # a code, no dry friction, which does so at a turn
+    return bool(np.median(((2 * speed > (third - first) / 2) | jumps) & ~turns))
 
 
 def _cornered(top: Top) -> bool:

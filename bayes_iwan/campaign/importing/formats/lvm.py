@@ -1,7 +1,7 @@
 """LabVIEW measurement files (.lvm): segments, each with units, starts and steps of its channels above the numbers.
 
 Read here and not by lvm_read, which takes a cell that it cannot read for NaN without a word, and several X columns for
-channels.
+channels. Which readers were tried: guide, importing.
 """
 
 import io

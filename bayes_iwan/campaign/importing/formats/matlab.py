@@ -7,6 +7,7 @@ by what a text beside them says.
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -123,6 +124,9 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
             source.visititems(visit)
     except Exception as error:  # a damaged file makes HDF5 fail in many ways
         raise CampaignError(f"{file}: cannot be read as MATLAB v7.3 or HDF5 ({shown(str(error))})") from None
+    if objects:  # tables; what mat-io cannot read may stand beside arrays
+        with suppress(CampaignError):
+            return of_variables(file, _objects(path, file), "MATLAB v7.3", SAVE)
     held = ", ".join(sorted(objects)) or "no such arrays"
     return _recordings(
         file,

@@ -12,7 +12,7 @@ _DATE = r"\d{1,4}[-./ ](?:\d{1,2}|[A-Za-z]{3})[-./ ]\d{1,4}"
 _TIME = r"\d{1,2}:\d{1,2}(?::\d{1,2})?(?:[.,:]\d+)?(?: ?[AaPp]\.?[Mm]\.?)?"
 _ZONE = r"(?:Z|[+-]\d\d:?\d\d| (?:UTC|GMT))?"
 STAMP = re.compile(rf"(?:{_DATE})?(?:[ T,]+)?(?:{_TIME})?{_ZONE}(?<=\w\w|\w\.)")
-_DATE_ONLY = re.compile(_DATE)
+_DATE_ONLY = re.compile(rf"({_DATE})(?:[ T]0?0:00(?::00(?:[.,]0+)?)?)?")  # spreadsheets write midnight behind it
 _PARTS = (
     rf"^(?:(?P<date>{_DATE})[ T,]+)?(?P<a>\d{{1,2}}):(?P<b>\d{{1,2}})(?::(?P<c>\d{{1,2}}))?(?:[.,:](?P<f>\d+))?"
     r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?" + _ZONE + "$"
@@ -35,7 +35,7 @@ def is_stamp(cell: str) -> bool:
 
 
 def is_date(cell: str) -> bool:
-    """Whether a cell is a date alone."""
+    """Whether a cell is a date alone, or its midnight."""
     return bool(_DATE_ONLY.fullmatch(cell.strip()))
 
 
@@ -68,12 +68,21 @@ def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[A
         if half.notna().any():
             a = a % 12 + 12.0 * (half == "p").to_numpy()
         out, wrap = 3600.0 * a + 60.0 * b + c + fraction, _DAY_S
+    time, note = unwrapped(out, [wrap] if wrap < _DAY_S else [_DAY_S, _DAY_S / 2])
     days = _days(dates if dates is not None else parts["date"].tolist())
-    if days is not None:
-        return (days - days[0]) * _DAY_S + (out - out[0]), said, days[0] * _DAY_S + out[0]
-    wraps = [wrap] if wrap < _DAY_S else [_DAY_S, _DAY_S / 2]
-    out, note = unwrapped(out, wraps)
-    return out - out[0], "; ".join(x for x in (said, note) if x), float(out[0])
+    if days is not None:  # a date counts where the time of day does not go on by itself: it may change late or early
+        steps = np.diff(time)
+        usual, more = usual_step(steps), np.rint(np.diff(days * _DAY_S + out) - steps)
+        odd = np.abs(steps - usual) > 2.0 * usual
+        note = "the date does not change at midnight: the time of day is followed" if more[~odd].any() else ""
+        time = time + np.append(0.0, np.cumsum(np.where(odd, more, 0.0)))
+        out = out + days[0] * _DAY_S
+    return time - time[0], "; ".join(x for x in (said, note) if x), float(out[0])
+
+
+def usual_step(steps: Array) -> float:
+    """The median of the steps (n,) forward; 0 where there are none."""
+    return float(np.median(forward)) if (forward := steps[steps > 0]).size else 0.0
 
 
 def unwrapped(values: Array, wraps: Sequence[float] = WRAPS) -> tuple[Array, str]:
@@ -82,11 +91,9 @@ def unwrapped(values: Array, wraps: Sequence[float] = WRAPS) -> tuple[Array, str
     It wraps where a step back and the period together are a usual step forward; other steps back stay as they are.
     """
     steps = np.diff(values)
-    back = np.flatnonzero(steps < 0)
-    forward = steps[steps > 0]
-    if not back.size or not forward.size or not np.isfinite(values).all():
+    back, usual = np.flatnonzero(steps < 0), usual_step(steps)
+    if not back.size or not usual or not np.isfinite(values).all():
         return values, ""
-    usual = float(np.median(forward))
     for wrap in wraps:
         if (np.abs(steps[back] + wrap - usual) <= 2.0 * usual).all():
             jumps = np.zeros(values.size)
@@ -101,7 +108,8 @@ def _days(dates: Sequence[object]) -> Array | None:
     if any(not isinstance(x, str) for x in dates):
         return None
     unique = sorted({str(x).strip() for x in dates})
-    plain = pd.Series(unique).str.replace("[-./ ]", "-", regex=True)
+    plain = pd.Series(unique).str.replace(f"^{_DATE_ONLY.pattern}$", r"\1", regex=True)
+    plain = plain.str.replace("[-./ ]", "-", regex=True)
     ways = (pd.to_datetime(plain, format="-".join(f"%{x}" for x in order), errors="coerce") for order in _ORDERS)
     found = [x for x in ways if x.notna().all()]
     if not found:

@@ -28,6 +28,7 @@ from bayes_iwan.campaign.importing.formats.text_layout import (
     range_passed,
     words_of_roles,
 )
+from bayes_iwan.campaign.importing.formats.units_above import units_above
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording
 from bayes_iwan.campaign.importing.unit_texts import contradict, is_unit, role_of, split_name
 from bayes_iwan.campaign.recording.records import CampaignError, shown
@@ -267,6 +268,10 @@ def _recording(
     steps = _numbers_of(labelled(above, style, len(names), STEPS), style)
     used = [k for k in table if k not in side and table[k].notna().any() and units[k].lower() != "sequence"]
     numeric = [k for k in used if pd.api.types.is_numeric_dtype(table[k])]
+    # what names say is said of those that are used
+    stated = [*(x for x in above if not all(name in x for name in names)), *beside]
+    of_labels = {numeric[k]: x for k, x in units_above([split_name(names[k])[0] for k in numeric], stated).items()}
+    taken: list[str] = []
     channels: dict[int, Channel] = {}  # by column: a time is of the channels behind it
     for k in numeric:
         name, unit = split_name(names[k])
@@ -276,7 +281,8 @@ def _recording(
             units[k] = "" if two else units[k]
         if name.startswith("column ") and k == numeric[-1]:
             name = labels.get("source", name)
-        of_label = _unit_of(name, labels, k == numeric[0], k == numeric[-1])
+        of_label = of_labels.get(k, "")
+        taken += [] if unit.strip() or units[k] or not of_label else [f"{name!r} in {of_label}"]
         unit = unit.strip() or units[k] or of_label
         if contradict(unit, of_label):
             name, unit = f"{names[k]}, {of_label}", ""
@@ -288,9 +294,8 @@ def _recording(
         clocks, said, first = _clocks({k: table[k] for k in used if k not in numeric}, names)
         channels, notes, began = channels | clocks, (*notes, *said), first if clocks else began
     kept = tuple(channels[k] for k in sorted(channels)) if len(table) >= FEWEST_SAMPLES else ()
-    # what names say is said of those that are used
-    stated = [x for x in above if not all(name in x for name in names)]
-    return Recording(file, part, kept, notes, rates, not_applied([*stated, *beside, *_tabled(above, style)]), began)
+    notes += (f"units by the lines above: {', '.join(taken)}",) if taken else ()
+    return Recording(file, part, kept, notes, rates, not_applied([*stated, *_tabled(above, style)]), began)
 
 
 def _tabled(above: Sequence[str], style: Style) -> Iterator[str]:
@@ -349,15 +354,3 @@ def _labels(lines: Sequence[str]) -> dict[str, str]:
         if m:
             found.setdefault(m[1].strip().lower(), m[2].strip())
     return found
-
-
-def _unit_of(name: str, labels: dict[str, str], first: bool, last: bool) -> str:
-    """A column's unit from labels like "Force unit", or an oscilloscope's "Vertical Units"."""
-    for key, unit in labels.items():
-        what = re.fullmatch(r"(.*?)[ _-]*(?:units?|einheit)", key)
-        if not what or not is_unit(unit) or not re.search(r"\w", unit):
-            continue
-        same = what[1].strip() and (what[1].strip() in name.lower() or name.lower() in what[1].split())
-        if same or (what[1] == "vertical" and last) or (what[1] == "horizontal" and first):
-            return unit
-    return ""

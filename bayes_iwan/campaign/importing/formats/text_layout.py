@@ -12,6 +12,7 @@ from functools import lru_cache
 
 from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS
 from bayes_iwan.campaign.importing.formats.stamps import is_stamp
+from bayes_iwan.campaign.importing.formats.units_above import UNIT_WORDS
 from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, NoSignals
 from bayes_iwan.campaign.importing.unit_texts import is_unit, is_volts, role_of
@@ -45,7 +46,7 @@ NO_TEXT = "no text, and no format that is known by its first bytes; export it as
 LONGEST_WORD, MOST_WORDS = 40, 200
 #: labels at the head of a row above the table that has a cell for each channel
 _NAMES = re.compile(r"(?:channel|trace|ch|kanal|long|測定ch)[ _-]?(?:names?|名称)|names?|kanal|waveform", re.IGNORECASE)
-_UNITS = re.compile(r"(?:v|y|ch\w*)?[ _-]?(?:units?|einheit(?:en)?)|unit[ée]s?|単位|单位", re.IGNORECASE)
+_UNITS = re.compile(UNIT_WORDS, re.IGNORECASE)
 _EDGES = " :=[]"  # of a label
 _OUTSIDE = re.compile(r",(?![^()\[\]]*[)\]])")  # a comma, and not within brackets
 
@@ -280,6 +281,7 @@ def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[st
     below = False
     for line in reversed([line for line in lines if re.search(r"[^\W_]", line)]):
         line = re.sub(rf"^\s*(?!{re.escape(style.separator)}){REMARK}\s*", "", line)
+        line = re.sub(rf"^(?i:{UNIT_WORDS})\s*[:=]\s*", "", line)
         cells = style.cells(line)
         if style.separator == r"\s+" and len(cells) > width == len(spaced := re.split(r"\t|\s{2,}", line.strip())):
             cells = spaced  # names of several words, or with a unit
