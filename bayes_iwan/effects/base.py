@@ -30,6 +30,7 @@ from bayes_iwan.models.kernels.pointwise import speeds_of_change
 from bayes_iwan.models.parameter import Distribution, Parameter, for_distinct
 from bayes_iwan.models.scales import Scales
 from bayes_iwan.models.simulator import INNER, OUTER, Inner
+from bayes_iwan.screen import on_screen
 
 #: prior of an effect's strength: the RMS force it moves over the RMS friction force has this median, ×/÷ e^0.9
 TYPICAL_SHARE = 0.08
@@ -93,6 +94,7 @@ class Records(Protocol):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Effect:
     """A physical cause outside the model, for one campaign; subclass it to add one of your own.
 

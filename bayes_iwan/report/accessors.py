@@ -4,9 +4,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from bayes_iwan.arrays import wrapped
 from bayes_iwan.errors import nearest
 from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.screen import wrapped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

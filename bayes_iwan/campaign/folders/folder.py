@@ -5,13 +5,12 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, wrapped
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE, Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record, check_time, on_grid_of_rate, step_warnings
@@ -25,6 +24,7 @@ from bayes_iwan.campaign.recording.units import ACCELERATIONS, DISPLACEMENTS, FO
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.timing.cycles import cut_cycles
 from bayes_iwan.errors import nearest
+from bayes_iwan.screen import Listed, on_screen, screen
 from bayes_iwan.threads import alongside
 
 FORMAT = 1
@@ -33,11 +33,11 @@ CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz", "
 #: numbers that a user may expect to be applied to a record; none is, so they are not taken for a property of the test
 NOT_APPLIED = re.compile(r"(gain|scale|factor|offset|sign|sensitivity|delay|calibration)($|_)", re.IGNORECASE)
 WITHOUT_CLOCK_HZ = 1.0  # frequency of every test of a campaign without a clock: the cycle is the unit of time
-MOST_SHOWN = 30  # tests that a campaign shows of itself, so that it fits a screen
 TYPO = 0.88  # likeness from which a key of a test is taken for a known one misspelt
 
 
 @dataclass(frozen=True)
+@on_screen
 class Campaign:
     """All tests of one specimen, as `campaign.toml` lists them; made by :func:`read_campaign`.
 
@@ -81,12 +81,7 @@ class Campaign:
     def __repr__(self) -> str:
         said = f": {self.description}" if self.description else ""
         head = f"campaign {self.name} (folder {self.path.name or self.path}), {len(self.tests)} tests{said}"
-        lines = [wrapped(head), *(f"  {test!r}" for test in self.tests[:MOST_SHOWN])]
-        more = len(self.tests) - MOST_SHOWN
-        return "\n".join([*lines, *([f"  … and {more} more, all in .tests"] if more > 0 else [])])
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
+        return screen((head,), [f"  {test!r}" for test in self.tests], where=".tests")
 
     @property
     def units(self) -> Units:
@@ -122,7 +117,7 @@ class Campaign:
         """
 
         def averaged(points: int) -> tuple[Loop, ...]:
-            return tuple(alongside(lambda test: average(test, points, n_harmonics, n_blocks), self.tests))
+            return Listed(alongside(lambda test: average(test, points, n_harmonics, n_blocks), self.tests))
 
         if n_phase is not None:
             return averaged(n_phase)

@@ -8,6 +8,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.errors import InputError
+from bayes_iwan.screen import on_screen
 
 ROLES = ("fit", "held-out")
 
@@ -17,6 +18,7 @@ class CampaignError(InputError):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Record:
     """One test as it was recorded, in s, mm and N (or what `units` says in their place: mrad and N·m, mm and kPa).
 

@@ -14,19 +14,19 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan import former_names
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.errors import nearest
 from bayes_iwan.inference.setup.settings import ParameterChange, PriorChoice
 from bayes_iwan.models.parameter import Z_LIMIT, Distribution, Parameter, ParameterError, Together
+from bayes_iwan.screen import Listed, on_screen
 
 
 @dataclass(frozen=True)
+@on_screen
 class Prior:
     """The joint prior: independent over the parameters, standard normal over the free coordinates z (draws, free)."""
 
     parameters: tuple[Parameter, ...]
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         names = [p.name for p in self.parameters]
@@ -44,12 +44,12 @@ class Prior:
 
     @cached_property
     def free(self) -> tuple[Parameter, ...]:
-        return tuple(p for p in self.parameters if p.free)
+        return Listed(p for p in self.parameters if p.free)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the free parameters, in the order of z's columns."""
-        return tuple(p.name for p in self.free)
+        return Listed(p.name for p in self.free)
 
     @cached_property
     def _together(self) -> Together:
