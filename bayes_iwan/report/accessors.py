@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from bayes_iwan.errors import nearest
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.screen import wrapped
+from bayes_iwan.screen import as_html, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +34,8 @@ class PosteriorPlots:
 
     def __repr__(self) -> str:
         return wrapped(f"plots: {', '.join(dir(self))}")
+
+    _repr_html_ = as_html
 
 
 setattr(Posterior, "plot", property(PosteriorPlots, doc=PosteriorPlots.__doc__))  # noqa: B010  (no checker knows it)

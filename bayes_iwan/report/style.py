@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 BLACK, ORANGE, SKY, GREEN, BLUE = "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2"
 RED, PURPLE = "#D55E00", "#CC79A7"
 MEASURED, MODEL, PRIOR = BLACK, BLUE, "#8A8A8A"
+INK = "#111111"  # of letters on a pale colour: on a dark screen, where black turns white, it stays dark
 _SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)
 _DASHES: tuple[LineStyleType, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 _MARKERS = "osD^vPX"
@@ -120,6 +121,11 @@ class _Wish:
 
 _NOTHING = _Wish()
 _WISH: ContextVar[_Wish] = ContextVar("wish", default=_NOTHING)
+
+
+def letters_on(colour: str) -> str:
+    """The colour of letters that can be read on a bar of one of the palette's, on a dark screen too."""
+    return "white" if colour in (BLACK, BLUE) else INK
 
 
 def unset_rc() -> Any:

@@ -1,12 +1,21 @@
-"""Every kind of page at four widths and in print: nothing is cut, nothing sticks out, no heading without its text."""
+"""Every kind of page at four widths, in print, on a light and a dark screen, and every kind of result in a terminal:
+nothing is cut, nothing sticks out, nothing is pale, no heading without its text."""
 
+import dataclasses
+import inspect
+import re
 import shutil
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import pytest
 from markupsafe import Markup
 
 import bayes_iwan as bi
+from bayes_iwan.diagnosis.assessment.budget import Share
+from bayes_iwan.report import style
 from bayes_iwan.report.batch.batch_page import write_batch_page
 from bayes_iwan.report.batch.specimens import Finished, Quantity, summarised
 from bayes_iwan.report.browser import BrowserError, find_browser, print_pdf
@@ -14,7 +23,7 @@ from bayes_iwan.report.identification.identification_page import identification_
 from bayes_iwan.report.inspection.inspect_page import inspect_to
 from bayes_iwan.report.page import Page, of_folder
 
-from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, torn
+from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, pale_texts, torn
 
 needs_browser = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
 SHORT = {
@@ -44,15 +53,45 @@ def specimens():
 
 
 @pytest.fixture(scope="module")
-def pages(page, specimens, made_up_campaign, tmp_path_factory):
+def out(tmp_path_factory):
+    return tmp_path_factory.mktemp("pages")
+
+
+@pytest.fixture(scope="module")
+def results(out, posterior, specimens, made_up_campaign):
+    """Every kind of result, by name; those with a page have written it."""
+    campaign = bi.demo(out / "demo")
+    plan = [bi.PlannedTest(f, a, cycles=6) for f in (8.0, 20.0) for a in (0.4, 0.9)]
+    return {
+        "campaign": campaign,
+        "check": bi.check(made_up_campaign),
+        "posterior": posterior,
+        "summary": posterior.summary(),
+        "values": posterior.values(),
+        "quantities": posterior.quantities(),
+        "warnings": posterior.warnings(),
+        "prediction": posterior.predict(frequency_hz=12.0, amplitude_mm=0.5),
+        "plot": posterior.plot,
+        "model": bi.load(posterior.export("json", out / "json", draws=3)),
+        "diagnosis": bi.diagnose(campaign.path, out, quick=True, seed=1, config=CLASSICAL),
+        "comparison": bi.compare(
+            campaign, out, families=["uniform", "gamma1"], config=SHORT, by="tests", seed=1, progress=False
+        ),
+        "batch": specimens,
+        "table": specimens.table(),
+        "differences": specimens.differences(),
+        "virtual": bi.simulate_campaign(plan, fault="viscous_damping", size=0.2, seed=1),
+        "settings": bi.settings_of(),
+        "citation": bi.cite(),
+    }
+
+
+@pytest.fixture(scope="module")
+def pages(page, results, out, made_up_campaign):
     """A folder with every kind of page."""
-    out = tmp_path_factory.mktemp("pages")
     shutil.copy(page / "report.html", out)
     inspect_to(made_up_campaign, out)
-    campaign = bi.demo(out / "demo")
-    bi.diagnose(campaign.path, out, quick=True, seed=1, config=CLASSICAL)
-    bi.compare(campaign, out, families=["uniform", "gamma1"], config=SHORT, by="tests", seed=1, progress=False)
-    write_batch_page(specimens, out, of_folder(out, 1))
+    write_batch_page(results["batch"], out, of_folder(out, 1))
     return out
 
 
@@ -65,6 +104,79 @@ def test_nothing_is_cut_at_any_width_nor_in_print(pages, tmp_path, name):
     assert torn(html, print_pdf(html, tmp_path / "page.pdf")) == []
     assert html.stat().st_size < 3_000_000
     assert str(pages.parent) not in html.read_text(encoding="utf-8"), "a local path reached the page"
+
+
+@needs_browser
+@pytest.mark.parametrize("dark", [True, False], ids=["dark", "light"])
+def test_no_text_is_pale_on_a_dark_screen_nor_on_a_light_one(pages, results, tmp_path, dark):
+    """Bars among them of what no diagnosis here has: a gap without a name, and pale letters, which are seen."""
+    found = results["diagnosis"]
+    whole = replace(found.budget.unexplained, share=Share(1.0, 1.0, 1.0), probability=1.0)
+    page = Page("bars")
+    unexplained = replace(found, budget=replace(found.budget, causes=(), unexplained=whole))
+    page.section("Unexplained").figure(bi.plot.gap(unexplained), "caption", "alt", name="bars")
+    page.section("Pale").html(Markup('<p style="color: #808080">pale words</p>'))
+    page.write(tmp_path / "bars.html")
+    seen = pale_texts([*sorted(pages.glob("*.html")), tmp_path / "bars.html"], tmp_path, dark)
+    assert [x.partition(": ")[2] for x in seen.pop("bars.html")] == ["pale words"]
+    assert len(seen) == 5 and seen == {name: [] for name in seen}
+
+
+def test_the_palette_stays_as_clear_on_a_dark_screen():
+    """Lines and marks: at least as far from the paper as on a light screen, or 3 : 1 (WCAG 2.2, 1.4.11)."""
+    css = (Path(style.__file__).parent / "templates" / "page.css").read_text(encoding="utf-8")
+    light, dark = (
+        dict(re.findall(r"--c-(\w{6}): #(\w{6})", part)) for part in css.split("prefers-color-scheme: dark", 1)
+    )
+
+    def contrast(colours, name):
+        def luminance(text):
+            srgb = np.array([int(text[i : i + 2], 16) for i in (0, 2, 4)]) / 255
+            linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+            return float(linear @ (0.2126, 0.7152, 0.0722)) + 0.05
+
+        one, paper = luminance(colours[name]), luminance(colours["ffffff"])
+        return max(one, paper) / min(one, paper)
+
+    for colour in (*style._SERIES, style.PRIOR):
+        name = colour[1:].lower()
+        assert contrast(dark, name) >= min(3.0, contrast(light, name)), colour
+
+
+DEPTH = 3
+
+
+def parts(value, depth=DEPTH):
+    """A result and all public results that it holds, with the way to each; arrays show themselves as NumPy does."""
+    yield "", value
+    if depth == 0:
+        return
+    if isinstance(value, dict | tuple):
+        for key in list(value)[:2] if isinstance(value, dict) else range(min(2, len(value))):
+            yield from ((f"[{key!r}]{way}", x) for way, x in parts(value[key], depth - 1))
+    elif type(value).__module__.startswith("bayes_iwan."):
+        names = [f.name for f in dataclasses.fields(value)] if dataclasses.is_dataclass(value) else []
+        if depth == DEPTH:  # what a result computes when asked for it
+            names += [n for n, x in inspect.getmembers(type(value)) if isinstance(x, property | cached_property)]
+        for name in names:
+            if not name.startswith("_"):
+                yield from ((f".{name}{way}", x) for way, x in parts(getattr(value, name), depth - 1))
+
+
+def test_every_result_and_what_it_holds_fits_a_screen(results):
+    """24 lines of 120 characters, and a notebook's table where there are several."""
+    seen, bad = set(), []
+    for root, result in results.items():
+        for way, x in parts(result):
+            arrays = isinstance(x, tuple) and all(isinstance(y, np.ndarray | float | int) for y in x)
+            if arrays or isinstance(x, np.ndarray | str) or id(x) in seen:
+                continue
+            seen.add(id(x))
+            lines = repr(x).splitlines() or [""]
+            if len(lines) > 24 or max(map(len, lines)) > 120 or (len(lines) > 1 and not hasattr(x, "_repr_html_")):
+                bad.append(f"{root}{way}: {type(x).__name__}, {len(lines)} lines, {max(map(len, lines))} characters")
+    assert not bad, "\n".join(bad)
+    assert len(seen) > 300
 
 
 @needs_browser
@@ -104,4 +216,3 @@ def test_the_unusual_specimen_comes_first_and_lots_are_compared(specimens):
         assert np.log(found.high / found.low) == pytest.approx(np.hypot(*wide), rel=0.2)
     table = specimens.table()
     assert all(len(row) == len(table.columns) for row in table.rows)
-    assert len(repr(specimens).splitlines()) < 25

@@ -91,6 +91,7 @@ class _Table:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Discrepancy:
     """How noise and discrepancy add up in rows that are scaled by the noise: variance = 1 + a² S_order(ℓ) λ_order
     eigen.
