@@ -118,7 +118,7 @@ function cut(doc, width) {
 # every page in a frame as tall as it is; of each text its contrast with what lies beneath it, figures' shapes included
 _PALE = """<!DOCTYPE html><meta charset="utf-8"><body><script>
 const pages = %s, found = {}, LEAST = 4.5; // WCAG 2.2, 1.4.3
-const rgba = (text) => { const n = (text.match(/[\\d.]+/g) || [0, 0, 0, 0]).map(Number); return [...n, 1].slice(0, 4); };
+const rgba = (text) => [...(text.match(/[\\d.]+/g) || [0, 0, 0, 0]).map(Number), 1].slice(0, 4);
 const over = (top, under) => top.slice(0, 3).map((x, i) => x * top[3] + under[i] * (1 - top[3])).concat(1);
 const linear = (x) => x / 255 <= 0.04045 ? x / 255 / 12.92 : ((x / 255 + 0.055) / 1.055) ** 2.4;
 const light = (c) => 0.2126 * linear(c[0]) + 0.7152 * linear(c[1]) + 0.0722 * linear(c[2]) + 0.05;

@@ -25,6 +25,7 @@ class Spectrum:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Matern(Spectrum):
     """(1 + (2πhℓ)²)⁻² of a periodic Matérn process; odd and even harmonics alike."""
 
