@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from bayes_iwan.errors import nearest
+
 #: lines of a screen that a result may fill, characters of a line, of a field's value in it, and of a table's cell
 LINES, WIDE, LONGEST, CELL = 24, 100, 70, 30
 _SCALARS = (str, bool, int, float, type(None), np.generic)
@@ -22,7 +24,7 @@ def wrapped(text: str, width: int = WIDE) -> str:
 def screen(head: Iterable[str], rows: Sequence[str], tail: Iterable[str] = (), where: str = "") -> str:
     """Lines that fit a screen: all of head and tail, if these do, and as many rows as they leave space for.
 
-    head, tail : texts, which are wrapped. where : says of the rows that are left out where they are.
+    head, tail : texts, which are wrapped. where : says of rows that do not fit where they are.
     """
     first, last = ["\n".join(map(wrapped, x)).splitlines() for x in (head, tail)]
     space = max(LINES - len(first) - len(last), 2)
@@ -82,7 +84,11 @@ K = TypeVar("K")
 
 
 class Named(dict[K, T]):
-    """A dict of results by name that shows itself as a table or a line each where one line is too short."""
+    """A dict of results by name that shows itself as a table or a line each where one line is too short; of a name
+    that it does not have it says which was probably meant."""
+
+    def __missing__(self, key: K) -> T:
+        raise KeyError(f"{key!r}{nearest(key, self)}")
 
     def __repr__(self) -> str:
         whole = all(isinstance(x, _SCALARS) for x in self.values())

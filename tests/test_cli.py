@@ -49,13 +49,13 @@ def test_what_was_probably_meant_is_said(capsys):
     for arguments, meant in ((["identfy", "x"], "identify"), (["withheld", "scor"], "score")):
         with pytest.raises(SystemExit):
             cli.main(arguments)
-        assert f'Did you mean "{meant}"?' in capsys.readouterr().err
+        assert f"did you mean '{meant}'?" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         cli.main(["identify", "campaign", "--ovrwrite"])
-    assert 'Did you mean "--overwrite"?' in capsys.readouterr().err
+    assert "did you mean '--overwrite'?" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         cli.main(["compare", "c", "--by", "looo"])
-    assert 'Did you mean "loo"?' in capsys.readouterr().err
+    assert "did you mean 'loo'?" in capsys.readouterr().err
 
 
 def test_the_tab_key_offers_the_names_that_an_option_takes(tmp_path):

@@ -178,7 +178,7 @@ class Comparison:
         for entry in self.entries:
             if entry.family.name == name:
                 return entry
-        raise KeyError(name)
+        raise KeyError(f"{name!r}{nearest(name, (x.family.name for x in self.entries))}")
 
     def rows(self) -> tuple[Row, ...]:
         """The ranking as a table, best first: differences in nats to the best, with standard errors."""
@@ -236,12 +236,11 @@ def compare_families(
     for name in names:
         if name not in known:
             said = former_names.renamed(name, former_names.FAMILIES)
-            there = f"there are {', '.join(known)}{nearest(name, known)}"
-            raise CompareError(f"{name} {said}" if said else f"no family {name!r}; {there}")
+            raise CompareError(f"{name} {said}" if said else f"no family {name!r}{nearest(name, known)}")
     if len(set(names)) < 2:
         raise CompareError("a comparison needs at least two families")
-    if by not in ("auto", "loo", "tests"):
-        raise CompareError(f"by = {by!r}: choose auto, loo or tests")
+    if by not in (ways := ("auto", "loo", "tests")):
+        raise CompareError(f"by = {by!r} is not known{nearest(by, ways)}")
     settings = settings_of(config, {"model": "since each family has its own"})
     if settings.search == SearchSettings():
         settings = replace(settings, search=SHORT.search)

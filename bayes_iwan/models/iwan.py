@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.errors import nearest
 from bayes_iwan.models import embedded_error, iwan_parameters, normal_force, slip_force, stiffness
 from bayes_iwan.models.kernels import sliders
 from bayes_iwan.models.motion import Motion
@@ -81,7 +82,7 @@ class Model(Simulator):
             ("stiffness", self.stiffness, stiffness.LAWS),
         ):
             if name not in known:
-                raise ModelError(f"model.{what} = {name!r} is not known; choose one of {', '.join(known)}")
+                raise ModelError(f"model.{what} = {name!r} is not known{nearest(name, known)}")
 
     @property
     def name(self) -> str:

@@ -24,7 +24,7 @@ class PosteriorPlots:
         from bayes_iwan.report import plot  # matplotlib takes a second: not before something is drawn
 
         if name not in plot.OF_POSTERIOR:
-            raise AttributeError(f"no plot {name!r}" + nearest(name, plot.OF_POSTERIOR, f"; {self!r}"))
+            raise AttributeError(f"no plot {name!r}" + nearest(name, plot.OF_POSTERIOR))
         return partial(getattr(plot, name), self._posterior)
 
     def __dir__(self) -> list[str]:

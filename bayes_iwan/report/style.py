@@ -25,7 +25,7 @@ from matplotlib.ticker import FuncFormatter
 from matplotlib.typing import LineStyleType
 from numpy.typing import NDArray
 
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.files import replacing
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def styled(make: F) -> F:
     ) -> Figure:
         width = width if width is None else WIDTHS.get(width, width)
         if isinstance(width, str):
-            raise StyleError(f"width={width!r}: not known; use {', '.join(map(repr, WIDTHS))} or inches")
+            raise StyleError(f"width={width!r}: not known{nearest(width, WIDTHS)} or inches")
         given = None if ax is None else tuple(np.asarray(ax, dtype=object).ravel())
         outer = _WISH.get()
 
@@ -162,7 +162,8 @@ def styled(make: F) -> F:
                     with mpl.style.context(style):
                         return make(*args, **kwargs)
             except OSError as error:  # of a style that there is not
-                raise StyleError(f"style={style!r}: {error}") from None
+                near = nearest(style, mpl.style.available, "")
+                raise StyleError(f"style={style!r}: {str(error).partition(';')[0]}{near}") from None
             finally:
                 _WISH.reset(token)
 

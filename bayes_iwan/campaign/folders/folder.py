@@ -1,6 +1,5 @@
 """The campaign folder: reading and checking `campaign.toml` and its records."""
 
-import difflib
 import os
 import re
 from collections.abc import Mapping
@@ -283,13 +282,10 @@ def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Tes
     known = {"file", "role", "frequency_hz", amplitude}
     for key in ("frequency_hz", amplitude) if clock else (amplitude,):
         if key not in entry:
-            near = difflib.get_close_matches(key, set(entry) - known, 1)
-            raise CampaignError(
-                f"{where}: {key} is missing" + (f"; did you mean {near[0]} to be {key}?" if near else "")
-            )
+            raise CampaignError(f"{where}: {key} is missing{nearest(key, set(entry) - known, '')}")
         positive(entry[key], f"{where}: {key}")
     if not isinstance(entry.get("role", "fit"), str) or entry.get("role", "fit") not in ROLES:
-        raise CampaignError(f"{where}: role must be one of {', '.join(ROLES)}, not {shown(entry['role'])}")
+        raise CampaignError(f"{where}: role {shown(entry['role'])} is not known{nearest(entry['role'], ROLES)}")
     extras = {}
     for key in entry.keys() - known:
         if key in sizes:
@@ -307,7 +303,7 @@ def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Tes
 
 def _not_meant(key: str, where: str, known: set[str]) -> None:
     """Refuse a key that would be kept as a property of the test although something else was meant by it."""
-    if meant := nearest(key.lower(), known, alike=TYPO):
+    if meant := nearest(key.lower(), known, "", TYPO):
         raise CampaignError(f"{where}: unknown key {shown(key)}{meant}")
     if NOT_APPLIED.match(key):
         raise CampaignError(

@@ -253,7 +253,7 @@ def _ask(recording: Recording, role: str, name: str) -> Channel:
             f"{recording.where}: {len(same)} channels are called {name!r}; give the number of the {role}: "
             f"{_list(recording, same)}"
         )
-    among = f"{_list(recording, list(recording.channels))}{nearest(name, [c.name for c in recording.channels])}"
+    among = f"{_list(recording, list(recording.channels))}{nearest(name, [c.name for c in recording.channels], '')}"
     raise CampaignError(f"{recording.where}: no channel {shown(name)} ({role}) among {among}")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.shrinkage import Shrunk, shrunk
 from bayes_iwan.comparison.unusual import Unusual, rank_unusual
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.inference.results.population import Population, SpecimenDraws, population
 from bayes_iwan.report.page import Cell, Table
 from bayes_iwan.screen import Listed, Named, on_screen, screen
@@ -184,8 +184,8 @@ def lots_of(folder: Path, group: str) -> dict[str, str]:
     rows = list(csv.DictReader(io.StringIO(text), delimiter=";" if ";" in head else ","))
     for name in ("specimen", group):
         if not rows or name not in rows[0]:
-            known = ", ".join(rows[0]) if rows else "no rows"
-            raise BatchError(f'{path}: has no column "{name}" (it has {known}); add it, or name another with --group')
+            known = nearest(name, rows[0]) if rows else "; it has no rows"
+            raise BatchError(f'{path}: has no column "{name}"{known}. Add it, or name another with --group')
     return {str(row["specimen"]).strip(): str(row[group] or "").strip() for row in rows}
 
 
