@@ -199,6 +199,8 @@ def test_identify_writes_and_reports(tmp_path, capsys, made_up_campaign, short_c
     assert "kp_N_mm" in said and "converged" in said and str(out) in said
     for name in ("summary.csv", "posterior.nc", "point.json", "report.html", "chains.ckpt"):
         assert (out / name).stat().st_size > 100, name
+    for written in (x for x in out.rglob("*") if x.is_file()):  # what goes to a customer says nothing of the machine
+        assert str(tmp_path.parent).encode() not in written.read_bytes(), written
     assert cli.main(arguments) == 2 and "resume" in capsys.readouterr().err
     summary = (out / "summary.csv").read_bytes()
     assert cli.main([*arguments, "--resume"]) == 0

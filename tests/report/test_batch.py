@@ -66,6 +66,8 @@ def test_what_is_finished_what_failed_and_the_files(done):
     assert float(rows[1]["kp_N_mm_q50"]) == pytest.approx(kp["b"].median) and rows[2]["state"] == "failed"
     parquet = pytest.importorskip("pyarrow.parquet").read_table(out / "batch.parquet").to_pydict()
     assert parquet["kp_N_mm_q50"][1] == pytest.approx(kp["b"].median)
+    for written in (x for x in out.rglob("*") if x.is_file()):
+        assert str(out.parents[1]).encode() not in written.read_bytes(), written
     page = (out / "batch.html").read_text()
     assert "broken &lt;b&gt;" in page and "<b>" not in page and 'href="specimens/a/report.html"' in page
     assert not [p for p in out.rglob(".*")] and not list(out.rglob("chains.ckpt"))
