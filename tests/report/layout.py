@@ -180,14 +180,40 @@ def run_browser(page: Path | str, profile: Path, *options: str) -> tuple[str, st
     return run.stdout, run.stderr
 
 
-def found_by(wrapper: str, told: tuple[object, ...], folder: Path, *options: str) -> Any:
-    """What a wrapper's script, with what it is told, puts into its element "found"."""
-    path = folder / "wrapped.html"
-    path.write_text(wrapper % tuple(json.dumps(x).replace("<", "\\u003c") for x in told), encoding="utf-8")
+def open_to_scripts(page: str) -> str:
+    """The page with a policy that lets this file's scripts in beside the page's own; the rest of it stands."""
+    text, n = re.subn(r"script-src [^;]+", "script-src 'unsafe-inline'", page)
+    assert n == 1
+    return text
+
+
+def done_in(page: Path, script: str, folder: Path) -> Any:
+    """What a script finds in a page after its own: the value of an async function with this body."""
+    text = open_to_scripts(page.read_text(encoding="utf-8"))
+    put = """<script>(async function () { %s })().then((found) => {
+      const out = document.createElement("pre");
+      out.id = "found";
+      out.textContent = JSON.stringify(found);
+      document.body.appendChild(out);
+    });</script></body>"""
+    path = folder / f"{page.stem}_done.html"
+    path.write_text(text.replace("</body>", put % script), encoding="utf-8")
+    return found_in(path, folder)
+
+
+def found_in(path: Path, folder: Path, *options: str) -> Any:
+    """What a page's script puts into its element "found"."""
     out, err = run_browser(path, folder / "profile", "--dump-dom", *options)
     found = re.search(r'<pre id="found">(.*?)</pre>', out, re.S)
     assert found, err[-2000:]
     return json.loads(html.unescape(found.group(1)))
+
+
+def found_by(wrapper: str, told: tuple[object, ...], folder: Path, *options: str) -> Any:
+    """What a wrapper's script, with what it is told, puts into its element "found"."""
+    path = folder / "wrapped.html"
+    path.write_text(wrapper % tuple(json.dumps(x).replace("<", "\\u003c") for x in told), encoding="utf-8")
+    return found_in(path, folder, *options)
 
 
 def _source(page: Path) -> str:

@@ -3,6 +3,7 @@ nothing is cut, nothing sticks out, nothing is pale, no heading without its text
 
 import dataclasses
 import inspect
+import json
 import re
 import shutil
 from dataclasses import replace
@@ -23,7 +24,7 @@ from bayes_iwan.report.identification.identification_page import identification_
 from bayes_iwan.report.inspection.inspect_page import inspect_to
 from bayes_iwan.report.page import Page, of_folder
 
-from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, pale_texts, torn
+from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, done_in, pale_texts, torn
 
 needs_browser = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
 SHORT = {
@@ -179,6 +180,80 @@ def test_every_result_and_what_it_holds_fits_a_screen(results):
                 bad.append(f"{root}{way}: {type(x).__name__}, {len(lines)} lines, {max(map(len, lines))} characters")
     assert not bad, "\n".join(bad)
     assert len(seen) > 300
+
+
+SORTED = """
+const table = document.querySelector("table.sortable"), heads = Array.from(table.tHead.rows[0].cells), out = {};
+const column = (i) => Array.from(table.tBodies[0].rows, (r) => r.cells[i].textContent.trim());
+for (const [i, head] of heads.entries()) {
+  const clicks = [column(i)];
+  for (let k = 0; k < 2; k++) {
+    head.querySelector("button").click();
+    clicks.push(column(i), head.getAttribute("aria-sort"));
+  }
+  out[head.textContent.trim()] = clicks;
+}
+return [out, document.querySelectorAll("[aria-sort]").length];
+"""
+
+
+@needs_browser
+def test_a_click_on_a_column_of_the_batch_sorts_by_it(pages, tmp_path):
+    found, marked = done_in(pages / "batch.html", SORTED, tmp_path)
+    assert marked == 1 and len(found) >= 5
+    for name, (before, up, ascending, down, descending) in found.items():
+        assert (ascending, descending) == ("ascending", "descending"), name
+        assert sorted(before) == sorted(up) == sorted(down)
+        first = [re.match(r"[−-]?[\d.]+", x) for x in up]
+        keys = [float(x[0].replace("−", "-")) if x else -np.inf for x in first] if any(first) else up
+        assert keys == sorted(keys), (name, up)
+        assert [keys[up.index(x)] for x in down] == sorted(keys, reverse=True), (name, down)
+
+
+SWITCHED = """
+const get = (id) => document.getElementById(id), wait = (ms) => new Promise((done) => setTimeout(done, ms));
+const seen = () => ({ drawn: JSON.parse(get("v-plot").dataset.drawn), read: get("v-read").textContent });
+const picture = () => get("v-plot").querySelector("canvas").toDataURL();
+get("v-what").value = "total";
+get("v-what").dispatchEvent(new Event("change", { bubbles: true }));
+const out = { on: seen() };
+document.querySelectorAll(".v-effect").forEach((e) => e.click());
+out.off = seen();
+document.querySelectorAll(".v-effect").forEach((e) => e.click());
+out.again = seen();
+await wait(50);
+const over = get("v-plot").querySelector(".u-over"), r = over.getBoundingClientRect(), whole = picture();
+const at = (type, x, y, to) => to.dispatchEvent(new MouseEvent(type, { bubbles: true, button: 0, buttons: 1,
+  movementX: 9, movementY: 9, clientX: r.left + x * r.width, clientY: r.top + y * r.height }));
+at("mouseenter", 0.3, 0.3, over);
+at("mousedown", 0.3, 0.3, over);
+at("mousemove", 0.7, 0.7, over);
+await wait(50);
+at("mouseup", 0.7, 0.7, over);
+await wait(100);
+out.zoomed = picture() !== whole;
+get("v-whole").click();
+get("v-phase").value = 0;
+get("v-phase").dispatchEvent(new Event("input"));
+await wait(100);
+out.back = picture() === whole;
+return out;
+"""
+
+
+@needs_browser
+def test_an_effect_is_switched_and_a_loop_zoomed(pages, tmp_path):
+    """The model without its effects is what the diagnosis predicts, drawn beside none; a drag shows a part of it."""
+    page = pages / "diagnosis.html"
+    found = done_in(page, SWITCHED, tmp_path)
+    data = re.search(r'id="viewer-data">(.*?)</script>', page.read_text(encoding="utf-8"), re.S)
+    first = json.loads(data.group(1))["tests"][0]["sets"]
+    assert found["on"] == found["again"] and found["zoomed"] and found["back"]
+    assert found["on"]["drawn"]["alone"] == 1 and found["off"]["drawn"]["alone"] == 0
+    for state, force in (("on", first[-1]), ("off", first[0])):
+        predicted = re.search(r"predicted (\S+) N", found[state]["read"]).group(1).replace("−", "-")
+        assert float(predicted) == pytest.approx(force[0], abs=6e-4)
+    assert found["on"]["read"] != found["off"]["read"]
 
 
 @needs_browser
