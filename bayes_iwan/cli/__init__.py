@@ -51,7 +51,8 @@ def parser() -> argparse.ArgumentParser:
         prog="bayes-iwan",
         description="Bayesian identification of friction isolators with the generalized Iwan model",
         epilog='first steps: bayes-iwan import "recordings" --out campaign; bayes-iwan check campaign; bayes-iwan '
-        "identify campaign --quick",
+        'identify campaign --quick; the tab key completes words after pip install ".[completion]" and '
+        'eval "$(register-python-argcomplete bayes-iwan)"',
     )
     top.add_argument("--version", action="version", version=f"bayes-iwan {__version__}")
     below = top.add_subparsers(metavar="COMMAND", required=True)
