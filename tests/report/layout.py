@@ -88,6 +88,14 @@ function cut(doc, width) {
       const svg = e.ownerSVGElement, scale = svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;
       if (parseFloat(style.fontSize) * scale < SMALLEST) say("letters too small to read", e);
     }
+    for (const node of e.matches("td, td *, th, th *") ? e.childNodes : []) {
+      for (const word of node.nodeType === 3 ? node.data.matchAll(/[^\\s\\/_.–-]{1,14}(?!\\S)/g) : []) {
+        const range = doc.createRange();
+        range.setStart(node, word.index);
+        range.setEnd(node, word.index + word[0].length);
+        if (range.getClientRects().length > 1) say("a word torn in two, " + word[0], e);
+      }
+    }
     if (["svg", "img"].includes(e.tagName.toLowerCase())) {
       for (let p = e.parentElement; p && p !== doc.body; p = p.parentElement) {
         const q = p.getBoundingClientRect();
