@@ -86,6 +86,7 @@ class StyleError(InputError):
 #: width in inches of the variant for a phone: on 360 px its letters of 7 pt are 9 px tall
 PHONE = 3.6
 LETTERS = 34  # of a label in so many inches
+BESIDE = 1.15  # length of a label over that of its axes, where another panel follows
 NARROW = 5.0  # inches: in less no more than two panels stand side by side, and legends beside nothing
 
 
@@ -149,7 +150,7 @@ def styled(make: F) -> F:
     ) -> Figure:
         width = width if width is None else WIDTHS.get(width, width)
         if isinstance(width, str):
-            raise StyleError(f"width={width!r}: not known{nearest(width, WIDTHS)} or inches")
+            raise StyleError(f"width={width!r}: a number of inches, or a name{nearest(width, WIDTHS)}")
         given = None if ax is None else tuple(np.asarray(ax, dtype=object).ravel())
         outer = _WISH.get()
 
@@ -320,6 +321,8 @@ def settle(figure: Figure) -> Figure:
     with mpl.rc_context(RC):
         figure.set_dpi(DPI)
         engine.execute(figure)
+        if _labels_shortened(figure):
+            engine.execute(figure)
         with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
             figure.set_layout_engine(None)  # "none" would leave one in its place, for which every file is drawn twice
         for axes in figure.axes:
@@ -330,6 +333,26 @@ def settle(figure: Figure) -> Figure:
                 place = axis.label.get_transform().transform(axis.label.get_position())
                 axis.set_label_coords(*axes.transAxes.inverted().transform(place))
     return figure
+
+
+def _labels_shortened(figure: Figure) -> bool:
+    """Labels of axes that reach beyond the figure or into the next panel's, put into several lines: the layout asks
+    only how thick they are."""
+    changed = False
+    for axes in figure.axes:
+        for at, axis in enumerate((axes.xaxis, axes.yaxis)):
+            label, ends = axis.label, axes.bbox.get_points()[:, at]
+            first, last = label.get_window_extent().get_points()[:, at]
+            middle, whole = 0.5 * (first + last), figure.bbox.get_points()[1, at]
+            others = [x.bbox.get_points()[:, at] for x in figure.axes]
+            alone = all(low < ends[1] and high > ends[0] for low, high in others)
+            most = 2.0 * min(middle, whole - middle) if alone else BESIDE * (ends[1] - ends[0])
+            text = label.get_text()
+            if last - first > most > 0.0 and "$" not in text:
+                letters = max(map(len, text.splitlines())) * most / (last - first)
+                label.set_text(textwrap.fill(" ".join(text.split()), max(int(letters), 1)))
+                changed = True
+    return changed
 
 
 def relabel(figure: Figure, units: Units) -> None:

@@ -69,7 +69,8 @@ WIDTHS = (390, 768, 1280, 1400)
 
 # every width is a frame of its own, so that media queries hold; what is found goes into an element for --dump-dom
 _WRAPPER = """<!DOCTYPE html><meta charset="utf-8"><body><script>
-const html = %s, widths = %s, scrolled = %s, found = {}, SMALLEST = 8.9; // px of a figure's letters on a phone
+const html = %s, widths = %s, scrolled = %s, found = {};
+const SMALLEST = 8.9, BEYOND = 4; // px of a figure's letters on a phone, and of what of them may stick out of it
 function cut(doc, width) {
   const bad = [], view = doc.defaultView, say = (why, e) => bad.push(why + ": " + e.tagName + "." +
     (e.getAttribute("class") || "") + " " + (e.textContent || "").trim().slice(0, 60));
@@ -84,6 +85,11 @@ function cut(doc, width) {
     if (!(table && e !== scroll) && (r.right > width + 1 || r.left < -1)) say("sticks out", e);
     if (style.overflowX !== "visible" && !(table && e === scroll) && e.scrollWidth > e.clientWidth + 1 &&
       !["select", "input"].includes(e.tagName.toLowerCase()) && !e.closest(".uplot")) say("cut", e);
+    if (e.tagName === "text" && e.ownerSVGElement) {
+      const q = e.ownerSVGElement.getBoundingClientRect();
+      if (Math.max(q.left - r.left, r.right - q.right, q.top - r.top, r.bottom - q.bottom) > BEYOND)
+        say("text beyond its figure", e);
+    }
     if (width < 500 && e.tagName === "text" && e.ownerSVGElement && e.textContent.trim()) {
       const svg = e.ownerSVGElement, scale = svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;
       if (parseFloat(style.fontSize) * scale < SMALLEST) say("letters too small to read", e);
