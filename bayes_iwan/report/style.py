@@ -190,8 +190,9 @@ def _on_phone(drawn: Callable[[_Wish], Figure]) -> Figure:
         letters = LETTERS // (1 if place is None else place.get_gridspec().ncols)
         _in_lines(axes.xaxis.label, letters)
         for loc in ("left", "center", "right"):
-            if (title := axes.get_title(loc)) and "\n" not in title:  # larger letters, beside the ticks' labels
-                axes.set_title(textwrap.fill(title, 2 * letters // 3), loc=loc)
+            if (title := axes.get_title(loc)) and "\n" not in title:  # beside the ticks' labels
+                with mpl.rc_context(unset_rc()):  # by which a title that is set anew is as large as it was
+                    axes.set_title(textwrap.fill(title, 2 * letters // 3), loc=loc)
     for text in figure.texts:
         _in_lines(text, LETTERS)
     for text in (figure._supxlabel, figure._suptitle):  # type: ignore[attr-defined]
