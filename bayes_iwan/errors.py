@@ -11,7 +11,16 @@ class InputError(ValueError):
     """
 
 
-def nearest(name: object, known: Iterable[str], otherwise: str = "", alike: float = 0.6) -> str:
-    """What a message adds of the known name that was probably meant; `otherwise` where none is near."""
-    near = difflib.get_close_matches(str(name), list(known), 1, alike)
-    return f"; did you mean {near[0]!r}?" if near else otherwise
+#: names that a message lists where none is near
+LISTED = 12
+
+
+def nearest(name: object, known: Iterable[object], otherwise: str | None = None, alike: float = 0.6) -> str:
+    """What a message adds to a name that is not known: the known one that was probably meant; where none is near
+    `otherwise`, or which there are."""
+    there = [str(x) for x in known]
+    if near := difflib.get_close_matches(str(name), there, 1, alike):
+        return f"; did you mean {near[0]!r}?"
+    if otherwise is None and there:
+        return f"; there are {', '.join(there[:LISTED])}{' …' if len(there) > LISTED else ''}"
+    return otherwise or ""

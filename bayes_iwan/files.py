@@ -31,6 +31,15 @@ FINISHED = {
 }  # fmt: skip
 
 
+def seen_from(folder: str | os.PathLike[str], path: str | os.PathLike[str]) -> str:
+    """A path as files in a folder name it, so that both can be moved together and nothing is said of the machine: as
+    seen from the folder; from another drive its name alone."""
+    try:
+        return Path(os.path.relpath(Path(path).resolve(), Path(folder).resolve())).as_posix()
+    except ValueError:
+        return Path(path).name
+
+
 class OutputError(InputError):
     """A folder that results cannot be written to; the message says why."""
 
@@ -165,10 +174,11 @@ def results_folder(
     finished = folder / FINISHED[command]
     if finished.exists() and not overwrite:
         noted = _noted(folder).get(command, {})
-        own = source is not None and noted.get("source") == str(Path(source).resolve())
+        there = (folder / noted["source"]).resolve() if "source" in noted else None
+        own = source is not None and there == Path(source).resolve()
         own = own or (source is not None and (known := identity(source)) is not None and known == noted.get("identity"))
         if not own:
-            of = noted.get("source") or "another campaign, or of a version that did not note which"
+            of = there or "another campaign, or of a version that did not note which"
             raise OutputError(
                 f"{folder}: holds finished results of {of}; name another folder, or write over them with --overwrite "
                 "(in Python overwrite=True)"
@@ -182,7 +192,7 @@ def results_folder(
             yield folder
         finally:
             if _written_at(finished) != before and source is not None:
-                note = {"source": str(Path(source).resolve()), "identity": identity(source)}
+                note = {"source": seen_from(folder, source), "identity": identity(source)}
                 write_json(folder / RECORD, {**_noted(folder), command: note})
 
 

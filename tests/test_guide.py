@@ -153,3 +153,15 @@ def test_every_command_of_the_package_is_on_a_page():
     text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
     actions = next(a for a in cli.parser()._actions if isinstance(a, argparse._SubParsersAction))
     assert not [name for name in actions.choices if f"bayes-iwan {name}" not in text]
+
+
+def test_every_option_of_the_package_is_on_a_page_and_how_the_tab_key_is_switched_on(capsys):
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    flags = {(x.name, f) for x in cli.COMMANDS for a in x.arguments for f in a.flags if f.startswith("--")}
+    assert not [(name, flag) for name, flag in sorted(flags) if flag not in text]
+    with pytest.raises(SystemExit):
+        cli.main(["--help"])
+    switch = 'eval "$(register-python-argcomplete bayes-iwan)"'
+    said = capsys.readouterr().out
+    assert switch in text and switch in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert switch.split()[0] in said and "register-python-argcomplete" in said

@@ -9,7 +9,9 @@ pictures of the pages anew (a minute); they are kept beside the pages.
 from __future__ import annotations
 
 import argparse
+import html
 import inspect
+import itertools
 import json
 import logging
 import re
@@ -38,11 +40,25 @@ SHOWN = ("f10_a0.3.csv.gz", "f15_a0.6.csv.gz", "f20_a1.csv.gz")
 #: commands and tables stay within a phone's width
 WRAP = """
 .rst-content pre, .rst-content pre code { white-space: pre-wrap; overflow-wrap: anywhere; overflow: visible; }
-.rst-content table { display: block; overflow-wrap: anywhere; }
-.rst-content table td, .rst-content table th { white-space: normal !important; }
+.rst-content table { display: block; }
+.rst-content table td, .rst-content table th { white-space: normal !important; overflow-wrap: break-word; }
 .rst-content img { max-width: 100%; }
 .rst-content math[display="block"] { display: block; overflow-x: auto; max-width: 100%; }
 .rst-content code { white-space: normal; overflow-wrap: anywhere; max-width: 100%; }
+.rst-content th code { overflow-wrap: normal; }
+@media (min-width: 1200px) { .wy-nav-content { max-width: 62rem; } }
+/* on a phone every row of a table is a card, each number with its column's name */
+@media screen and (max-width: 768px) {
+  .rst-content table thead { display: none; }
+  .rst-content table, .rst-content tbody, .rst-content tr, .rst-content td { display: block; width: auto; }
+  .rst-content tr { border: 1px solid #e1e4e5; margin: 0 0 0.6rem; }
+  .rst-content table td { display: grid; grid-template-columns: minmax(6rem, 40%) minmax(0, 1fr); column-gap: 0.7rem;
+    border: 0; padding: 4px 12px; }
+  .rst-content table td:first-child { display: block; font-weight: bold; }
+  .rst-content table td:not(:first-child)::before { content: attr(data-label); color: #555; }
+  .rst-content table td:empty { display: none; }
+  .rst-content math[display="block"] { font-size: 72%; }
+}
 """
 
 
@@ -95,6 +111,17 @@ def make_searchable(site: Path) -> None:
         (folder / name).unlink()
 
 
+def label_cells(page: str) -> str:
+    """A page whose tables' cells know their columns' names, which a phone shows beside them."""
+
+    def labelled(table: re.Match[str]) -> str:
+        heads = [re.sub(r"<[^>]+>", "", x) for x in re.findall(r"<th[^>]*>(.*?)</th>", table[0], re.S)]
+        names = itertools.cycle(heads)
+        return re.sub(r"<td", lambda _: f'<td data-label="{html.escape(html.unescape(next(names)))}"', table[0])
+
+    return re.sub(r"<table>.*?</table>", labelled, page, flags=re.S)
+
+
 def build_site(out: Path) -> Path:
     """Build the site in a folder, whose contents are replaced; returns its first page."""
     logging.basicConfig(level=logging.WARNING)  # mkdocs says by it why it ends
@@ -126,6 +153,8 @@ def build_site(out: Path) -> Path:
         file.write_text(yaml.safe_dump(config), encoding="utf-8")
         build(load_config(str(file)))
     make_searchable(out)
+    for page in out.glob("*.html"):
+        page.write_text(label_cells(page.read_text(encoding="utf-8")), encoding="utf-8")
     return out / "index.html"
 
 

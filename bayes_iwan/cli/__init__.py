@@ -7,7 +7,6 @@ exception is a defect of the package: it is said to be one, with the traceback, 
 """
 
 import argparse
-import difflib
 import logging
 import os
 import re
@@ -21,7 +20,7 @@ from bayes_iwan import __version__
 from bayes_iwan.cli import campaigns, modelling, withheld
 from bayes_iwan.cli.command import LOG, Command, quoted, say
 from bayes_iwan.cli.runs import RunLog, refuse_other_shells, refuse_recordings
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.terminal import terminate_as_interrupt
 
 #: exit code (EX_SOFTWARE of sysexits.h)
@@ -43,9 +42,7 @@ class Parser(argparse.ArgumentParser):
         """Exit with usage and the message."""
         wrong = re.search(r"invalid choice: '([^']*)'", message) or re.search(r"unrecognized arguments: (\S+)", message)
         known = [x for action in self._actions for x in (*action.option_strings, *(action.choices or ()))]
-        if wrong and (near := difflib.get_close_matches(wrong[1], [str(x) for x in known], 1)):
-            message += f'. Did you mean "{near[0]}"?'
-        super().error(message)
+        super().error(message + (nearest(wrong[1], known, "") if wrong else ""))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -54,7 +51,8 @@ def parser() -> argparse.ArgumentParser:
         prog="bayes-iwan",
         description="Bayesian identification of friction isolators with the generalized Iwan model",
         epilog='first steps: bayes-iwan import "recordings" --out campaign; bayes-iwan check campaign; bayes-iwan '
-        "identify campaign --quick",
+        'identify campaign --quick; the tab key completes words after pip install ".[completion]" and '
+        'eval "$(register-python-argcomplete bayes-iwan)"',
     )
     top.add_argument("--version", action="version", version=f"bayes-iwan {__version__}")
     below = top.add_subparsers(metavar="COMMAND", required=True)

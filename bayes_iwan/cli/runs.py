@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bayes_iwan import __version__
 from bayes_iwan.cli.command import quoted
-from bayes_iwan.files import RECORD, OutputError
+from bayes_iwan.files import RECORD, OutputError, seen_from
 
 #: arguments that are paths
 PATHS = ("campaign", "folder", "directory", "files", "out", "recipe", "config", "simulator", "effects", "answers")
@@ -53,11 +53,13 @@ def refuse_recordings(path: str) -> None:
 
 
 class RunLog(logging.Handler):
-    """Lines of the log, in the results' folder from the moment that there is one."""
+    """Lines of the log, in the results' folder from the moment that there is one; it goes with the folder, and so names
+    what lies elsewhere as seen from there."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
         super().__init__(logging.INFO)
         self.folder: Path | None = None
+        self.paths = [word for word in arguments if os.path.isabs(word)]
         self.lines: list[str] = []
         self.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
         self.lines.append(f"{time.strftime('%Y-%m-%d %H:%M:%S')} $ {quoted(['bayes-iwan', *arguments])}")
@@ -71,9 +73,12 @@ class RunLog(logging.Handler):
     def write(self) -> None:
         """Append what is kept to the folder's log; without a folder it waits."""
         if self.folder is not None and self.folder.is_dir() and self.lines:
+            text = "\n".join(self.lines) + "\n"
+            for path in sorted(self.paths, key=len, reverse=True):
+                text = text.replace(path, seen_from(self.folder, path))
             try:
                 with (self.folder / LOG_FILE).open("a", encoding="utf-8") as file:
-                    file.write("\n".join(self.lines) + "\n")
+                    file.write(text)
             except OSError:  # a full disk is said by what writes the results
                 return
             self.lines = []

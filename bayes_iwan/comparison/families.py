@@ -4,7 +4,6 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from bayes_iwan.inference.setup.settings import IdentifySettings, ModelSettings,
 from bayes_iwan.models import Simulator
 from bayes_iwan.models.bouc_wen import OTHER_MODELS
 from bayes_iwan.models.user_file import UserFiles, load_simulator
+from bayes_iwan.screen import Listed, on_screen, screen
 
 
 class CompareError(InputError):
@@ -28,6 +28,7 @@ class CompareError(InputError):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Family:
     """A model family: what to call it, and the parts of its model, or a simulator instead. asks : what the paper argues
     by eye, whether its own model is better than this one."""
@@ -90,6 +91,7 @@ SHORT = IdentifySettings(
 
 
 @dataclass(frozen=True)
+@on_screen
 class Entry:
     """One family's fit. residual_share : RMS residual of the median prediction over RMS friction force.
 
@@ -106,6 +108,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Row:
     """One line of the ranking, in the order of compare.csv.
 
@@ -128,6 +131,7 @@ class Row:
 
 
 @dataclass(frozen=True, repr=False)
+@on_screen
 class Comparison:
     """Families ranked by how well they predict, best first; made by :func:`bayes_iwan.compare`, which has an example.
 
@@ -146,15 +150,20 @@ class Comparison:
     entries: tuple[Entry, ...]
 
     def __repr__(self) -> str:
-        rows = [
-            f"{row.label:50s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "
-            f"{100 * row.residual_share:5.2f} %   {row.parameters:2d} parameters   {row.seconds:4.0f} s"
+        return screen((), self._ranking(), self._answers(), ".rows()")
+
+    def __str__(self) -> str:
+        return "\n".join([*self._ranking(), *self._answers()])
+
+    def _ranking(self) -> list[str]:
+        return [
+            f"{row.label:44s} {row.difference:+8.1f} ± {row.difference_se:5.1f}  residual "
+            f"{100 * row.residual_share:5.2f} %  {row.parameters:2d} parameters {row.seconds:4.0f} s"
             for row in self.rows()
         ]
-        return "\n".join([*rows, *(f"{question} {answer}" for question, answer in self.answers())])
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
+    def _answers(self) -> list[str]:
+        return [f"{question} {answer}" for question, answer in self.answers()]
 
     def ranked(self, entry: Entry) -> Loo:
         """The predictive density that an entry is ranked by."""
@@ -169,7 +178,7 @@ class Comparison:
         for entry in self.entries:
             if entry.family.name == name:
                 return entry
-        raise KeyError(name)
+        raise KeyError(f"{name!r}{nearest(name, (x.family.name for x in self.entries))}")
 
     def rows(self) -> tuple[Row, ...]:
         """The ranking as a table, best first: differences in nats to the best, with standard errors."""
@@ -183,7 +192,7 @@ class Comparison:
                 Row(e.family.name, e.family.label, ranked.elpd, ranked.se, difference, se, e.loo.elpd, e.loo.holds,
                     held_out, e.residual_share, e.parameters, e.seconds, e.posterior.converged)
             )  # fmt: skip
-        return tuple(out)
+        return Listed(out)
 
     def answers(self) -> tuple[tuple[str, str], ...]:
         """The paper's questions, those whose families were fitted, each with an answer and the figure behind it."""
@@ -227,12 +236,11 @@ def compare_families(
     for name in names:
         if name not in known:
             said = former_names.renamed(name, former_names.FAMILIES)
-            there = f"there are {', '.join(known)}{nearest(name, known)}"
-            raise CompareError(f"{name} {said}" if said else f"no family {name!r}; {there}")
+            raise CompareError(f"{name} {said}" if said else f"no family {name!r}{nearest(name, known)}")
     if len(set(names)) < 2:
         raise CompareError("a comparison needs at least two families")
-    if by not in ("auto", "loo", "tests"):
-        raise CompareError(f"by = {by!r}: choose auto, loo or tests")
+    if by not in (ways := ("auto", "loo", "tests")):
+        raise CompareError(f"by = {by!r} is not known{nearest(by, ways)}")
     settings = settings_of(config, {"model": "since each family has its own"})
     if settings.search == SearchSettings():
         settings = replace(settings, search=SHORT.search)

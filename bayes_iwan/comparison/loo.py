@@ -13,6 +13,7 @@ from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.screen import on_screen
 
 #: Pareto's k below which importance weights may be trusted
 TRUSTED = 0.7
@@ -37,6 +38,7 @@ def smoothed_log_weights(log_w: Array) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Loo:
     """elpd : expected log predictive density, the sum of `pointwise` (data,); se its standard error over the data;
     p : effective number of parameters; pareto_k (data,), with NaN where no importance sampling was needed."""

@@ -14,12 +14,14 @@ from scipy.special import logsumexp
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.loo import TRUSTED, smoothed_log_weights
 from bayes_iwan.inference.results.population import Population, SpecimenDraws
+from bayes_iwan.screen import on_screen
 
 #: effective draws below which shrunk quantiles are not given
 LEAST_DRAWS = 40.0
 
 
 @dataclass(frozen=True, kw_only=True)
+@on_screen
 class Shrunk:
     """One quantity of one specimen with what its lot says of it: quantiles, and how far the weights may be trusted.
 

@@ -17,6 +17,7 @@ from scipy import optimize, special, stats
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.population import Population
+from bayes_iwan.screen import on_screen
 
 #: share of the named that may be so by chance
 FALSE_SHARE = 0.05
@@ -28,6 +29,7 @@ FEWEST_QUANTITIES = 4
 
 
 @dataclass(frozen=True, kw_only=True)
+@on_screen
 class Unusual:
     """One specimen. distance : robust, 1 for a usual one; scores : robust standard deviations from the median, by
     quantity; notable : the quantities in which it stands out."""

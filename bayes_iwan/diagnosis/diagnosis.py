@@ -39,6 +39,7 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import load_effects
 from bayes_iwan.effects.conditions import conditions_of
 from bayes_iwan.effects.paper_stages import missing_terms
+from bayes_iwan.errors import nearest
 from bayes_iwan.executors import Workers, opened
 from bayes_iwan.former_names import refuse_former_options
 from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
@@ -309,7 +310,7 @@ def _next(
 def settings_for(base: str, config: DiagnoseSettings | Config, own_simulator: bool) -> DiagnoseSettings:
     """Settings of a diagnosis; base : a name of :data:`BASES`. Raises ConfigError where two of them choose a model."""
     if base not in BASES:
-        raise ConfigError(f"base {base}: not known; choose one of {', '.join(BASES)}")
+        raise ConfigError(f"base {base!r} is not known{nearest(base, BASES)}")
     for given, what in ((config is not None, "config"), (own_simulator, "simulator")):
         if given and base != "generalized":
             raise ConfigError(f"base {base} and {what} both choose a model; leave one of them out")

@@ -24,12 +24,13 @@ from scipy import fft, stats
 
 from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.models import Motion
 from bayes_iwan.models.kernels.pointwise import speeds_of_change
 from bayes_iwan.models.parameter import Distribution, Parameter, for_distinct
 from bayes_iwan.models.scales import Scales
 from bayes_iwan.models.simulator import INNER, OUTER, Inner
+from bayes_iwan.screen import on_screen
 
 #: prior of an effect's strength: the RMS force it moves over the RMS friction force has this median, ×/÷ e^0.9
 TYPICAL_SHARE = 0.08
@@ -93,6 +94,7 @@ class Records(Protocol):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Effect:
     """A physical cause outside the model, for one campaign; subclass it to add one of your own.
 
@@ -267,7 +269,7 @@ class Effect:
         out = {p.name: p.value(np.zeros(1)) for p in self.parameters}
         for name, value in given.items():
             if f"{self.name}.{name}" not in out:
-                raise EffectError(f"{self.name} has no parameter {name!r}; it has {', '.join(out)}")
+                raise EffectError(f"{self.name} has no parameter {name!r}{nearest(name, self.extra_parameters())}")
             out[f"{self.name}.{name}"] = np.array([float(value)])
         return out
 

@@ -84,7 +84,7 @@ def export(
     ['isolator.json', 'model_card.json', 'model_card.txt']
     """
     if to not in TARGETS:
-        raise ExportError(f"{to!r} is no target; choose one of {', '.join(TARGETS)}{nearest(to, TARGETS)}")
+        raise ExportError(f"{to!r} is no target{nearest(to, TARGETS)}")
     if draws < 0:
         raise ExportError(f"draws must be 0 or more, not {draws}")
     if to != "opensees" and (approximate or error is not None):

@@ -23,12 +23,14 @@ from bayes_iwan.files import finite, reading
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model, Motion, Scales
 from bayes_iwan.models.simulator import recorded_force
+from bayes_iwan.screen import on_screen
 
 NAME: str = "isolator.json"
 SCHEMA = "bayes_iwan.export 1"
 
 
 @dataclass(frozen=True, kw_only=True)
+@on_screen
 class ExportedModel:
     """What :func:`bayes_iwan.load` makes of an exported isolator.json.
 

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.errors import InputError
+from bayes_iwan.screen import on_screen
 
 BatchObjective = Callable[[Array], Array]
 
@@ -31,6 +32,7 @@ class SearchError(InputError):
 
 
 @dataclass(frozen=True)
+@on_screen
 class GlobalOptimum:
     """What a global search found.
 

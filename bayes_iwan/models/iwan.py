@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, ParameterValues, brief
+from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.errors import nearest
 from bayes_iwan.models import embedded_error, iwan_parameters, normal_force, slip_force, stiffness
 from bayes_iwan.models.kernels import sliders
 from bayes_iwan.models.motion import Motion
@@ -22,10 +23,12 @@ from bayes_iwan.models.parameter import Parameter
 from bayes_iwan.models.scales import Reference, Scales
 from bayes_iwan.models.simulator import INNER, Derived, ModelError, Modifier, Simulator
 from bayes_iwan.models.stiffness import Stiffness
+from bayes_iwan.screen import Listed, on_screen
 from bayes_iwan.threads import over_draws
 
 
 @dataclass(frozen=True)
+@on_screen
 class Model(Simulator):
     """A generalized Iwan model by the names of its parts.
 
@@ -70,8 +73,6 @@ class Model(Simulator):
     stiffness: str = "saturating"
     embedded: bool = False
 
-    __repr__ = brief
-
     stages = frozenset(INNER)
 
     def __post_init__(self) -> None:
@@ -81,7 +82,7 @@ class Model(Simulator):
             ("stiffness", self.stiffness, stiffness.LAWS),
         ):
             if name not in known:
-                raise ModelError(f"model.{what} = {name!r} is not known; choose one of {', '.join(known)}")
+                raise ModelError(f"model.{what} = {name!r} is not known{nearest(name, known)}")
 
     @property
     def name(self) -> str:
@@ -109,11 +110,8 @@ class Model(Simulator):
         """Numbers that `force` reads: parallel spring, then stiffness, slip forces, normal force, embedded model
         error."""
         laws = (self.stiffness_law, self.slip_family, self.normal_force_law)
-        return (
-            "kp_N_mm",
-            *(name for law in laws for name in law.names),
-            *(embedded_error.NAMES if self.embedded else ()),
-        )
+        own = [name for law in laws for name in law.names]
+        return Listed(("kp_N_mm", *own, *(embedded_error.NAMES if self.embedded else ())))
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         return iwan_parameters.default_parameters(self, scales)

@@ -9,14 +9,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.screen import on_screen
 
 #: penetration y = max(A − u, Y_FLOOR·A): Eq. (11)'s |A − u|^β would vanish, or jump, at the end of the stroke
 Y_FLOOR = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
+@on_screen
 class Motion:
     """What a specimen is made to do: loops (or one record), each of `samples` points; :func:`sine_motion` makes one.
 
@@ -58,8 +60,6 @@ class Motion:
     step_s: Array = field(default_factory=lambda: np.full(1, np.nan))
     span_cycles: Array = field(default_factory=lambda: np.ones(1))
     conditions: Mapping[str, Array] = field(default_factory=dict)
-
-    __repr__ = brief
 
     @property
     def draws(self) -> int:

@@ -16,6 +16,7 @@ from scipy import special
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.errors import InputError
+from bayes_iwan.screen import on_screen
 
 #: z is cut here: Φ(−z) keeps full relative precision far beyond, but no prior is meant that far out
 Z_LIMIT = 8.0
@@ -48,6 +49,7 @@ class Distribution(Protocol):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Parameter:
     """One sampled parameter.
 
@@ -85,6 +87,9 @@ class Parameter:
     fixed: float | None = None
     tied: str | None = None
     owner: str = ""
+
+    def __repr__(self) -> str:
+        return f"Parameter({self.name}: {self.prior_text()}{self.unit and ' '}{self.unit}, {self.description})"
 
     @property
     def free(self) -> bool:

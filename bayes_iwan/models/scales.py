@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from bayes_iwan.arrays import brief
+from bayes_iwan.screen import on_screen
 
 
 @dataclass(frozen=True)
@@ -14,6 +14,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Scales:
     """What the loops themselves say of the orders of magnitude; used for priors and for relative errors.
 
@@ -45,8 +46,6 @@ class Scales:
     slip_N: float
     soft_N_mm: float
     stiff_N_mm: float
-
-    __repr__ = brief
 
     @property
     def reference(self) -> Reference:

@@ -22,6 +22,7 @@ from bayes_iwan.errors import InputError
 from bayes_iwan.models.motion import Motion
 from bayes_iwan.models.parameter import Parameter, for_distinct
 from bayes_iwan.models.scales import Scales
+from bayes_iwan.screen import on_screen
 
 #: stages that every simulator has, in the order of the signal, and those inside it that it may offer
 OUTER = ("motion", "around", "force")
@@ -72,6 +73,7 @@ class Modifier(Protocol):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Derived:
     """A quantity that follows from the sampled parameters: its unit and its value in each draw (draws,)."""
 

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from bayes_iwan.arrays import wrapped
 from bayes_iwan.errors import nearest
 from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.screen import as_html, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +24,7 @@ class PosteriorPlots:
         from bayes_iwan.report import plot  # matplotlib takes a second: not before something is drawn
 
         if name not in plot.OF_POSTERIOR:
-            raise AttributeError(f"no plot {name!r}" + nearest(name, plot.OF_POSTERIOR, f"; {self!r}"))
+            raise AttributeError(f"no plot {name!r}" + nearest(name, plot.OF_POSTERIOR))
         return partial(getattr(plot, name), self._posterior)
 
     def __dir__(self) -> list[str]:
@@ -34,6 +34,8 @@ class PosteriorPlots:
 
     def __repr__(self) -> str:
         return wrapped(f"plots: {', '.join(dir(self))}")
+
+    _repr_html_ = as_html
 
 
 setattr(Posterior, "plot", property(PosteriorPlots, doc=PosteriorPlots.__doc__))  # noqa: B010  (no checker knows it)

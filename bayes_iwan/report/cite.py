@@ -3,7 +3,7 @@
 from html import escape
 
 from bayes_iwan import __version__
-from bayes_iwan.arrays import wrapped
+from bayes_iwan.screen import wrapped
 
 SOFTWARE = f"bayes-iwan {__version__}"
 

@@ -26,6 +26,7 @@ from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.files import write_whole
 from bayes_iwan.report.rendering import Order, Rendered, Renderer
 from bayes_iwan.report.style import Shown, relabel
+from bayes_iwan.screen import on_screen, table
 
 #: pixels an inch of a figure takes on a screen: its smallest letters are then as large as small print
 PIXELS = 112
@@ -333,6 +334,7 @@ Rows = tuple[tuple[Cell, ...], ...]
 
 
 @dataclass(frozen=True)
+@on_screen
 class Table:
     """Rows of a table as text or numbers; `name` is the CSV file's, numbers keep full precision there and
     what is not a number is an empty cell."""
@@ -340,6 +342,9 @@ class Table:
     name: str
     columns: tuple[str, ...]
     rows: Rows
+
+    def __repr__(self) -> str:
+        return table(self.columns, self.rows, f"{self.name}.csv")
 
     def csv(self) -> str:
         out = io.StringIO()

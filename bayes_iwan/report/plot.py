@@ -9,6 +9,8 @@ ax : axes of yours to draw into, an array of them for several panels.
 `bi.plot.save(figure, "loops.svg")` writes SVG, PDF or PNG by the ending, letters as letters.
 """
 
+from typing import NoReturn
+
 from matplotlib.figure import Figure
 
 from bayes_iwan.diagnosis.answer.result import Diagnosis
@@ -42,6 +44,10 @@ traces, autocorrelation = traces_figure, tau_figure
 ranking = ranking_figure
 
 
+def __getattr__(name: str) -> NoReturn:
+    raise AttributeError(f"bi.plot has no {name!r}" + nearest(name, __all__))
+
+
 @styled
 def loop(posterior: Posterior, test: str | int = 0, friction: bool = True) -> Figure:
     """Measured cycles of one test and the bands of the posterior.
@@ -52,7 +58,7 @@ def loop(posterior: Posterior, test: str | int = 0, friction: bool = True) -> Fi
     """
     files = [x.file for x in posterior.loops]
     if isinstance(test, str) and test not in files:
-        raise InputError(f"there is no test {test!r}" + nearest(test, files) + f"; there are {', '.join(files)}")
+        raise InputError(f"there is no test {test!r}" + nearest(test, files))
     if not isinstance(test, str) and not -len(files) <= test < len(files):
         raise InputError(f"there is no test {test}; there are {len(files)}, counted from 0")
     chosen = posterior.loops[files.index(test)] if isinstance(test, str) else posterior.loops[test]
@@ -67,7 +73,7 @@ def gap(diagnosis: Diagnosis, name: str = "headline") -> Figure:
     """
     figures = figures_of_diagnosis(diagnosis)
     if name not in figures:
-        raise InputError(f'there is no figure "{name}" of this diagnosis; there are {", ".join(sorted(figures))}')
+        raise InputError(f'there is no figure "{name}" of this diagnosis{nearest(name, sorted(figures))}')
     figure = figures[name]()
     relabel(figure, diagnosis.campaign.units)
     return figure

@@ -25,7 +25,7 @@ from matplotlib.ticker import FuncFormatter
 from matplotlib.typing import LineStyleType
 from numpy.typing import NDArray
 
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.files import replacing
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 BLACK, ORANGE, SKY, GREEN, BLUE = "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2"
 RED, PURPLE = "#D55E00", "#CC79A7"
 MEASURED, MODEL, PRIOR = BLACK, BLUE, "#8A8A8A"
+INK = "#111111"  # of letters on a pale colour: on a dark screen, where black turns white, it stays dark
 _SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)
 _DASHES: tuple[LineStyleType, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 _MARKERS = "osD^vPX"
@@ -85,6 +86,7 @@ class StyleError(InputError):
 #: width in inches of the variant for a phone: on 360 px its letters of 7 pt are 9 px tall
 PHONE = 3.6
 LETTERS = 34  # of a label in so many inches
+BESIDE = 1.15  # length of a label over that of its axes, where another panel follows
 NARROW = 5.0  # inches: in less no more than two panels stand side by side, and legends beside nothing
 
 
@@ -122,6 +124,11 @@ _NOTHING = _Wish()
 _WISH: ContextVar[_Wish] = ContextVar("wish", default=_NOTHING)
 
 
+def letters_on(colour: str) -> str:
+    """The colour of letters that can be read on a bar of one of the palette's, on a dark screen too."""
+    return "white" if colour in (BLACK, BLUE) else INK
+
+
 def unset_rc() -> Any:
     """This module's settings where the user's rcParams are still matplotlib's own; what a user has set stands. All
     letters are so many times `font.size`, which so scales them."""
@@ -143,7 +150,7 @@ def styled(make: F) -> F:
     ) -> Figure:
         width = width if width is None else WIDTHS.get(width, width)
         if isinstance(width, str):
-            raise StyleError(f"width={width!r}: not known; use {', '.join(map(repr, WIDTHS))} or inches")
+            raise StyleError(f"width={width!r}: a number of inches, or a name{nearest(width, WIDTHS)}")
         given = None if ax is None else tuple(np.asarray(ax, dtype=object).ravel())
         outer = _WISH.get()
 
@@ -156,7 +163,8 @@ def styled(make: F) -> F:
                     with mpl.style.context(style):
                         return make(*args, **kwargs)
             except OSError as error:  # of a style that there is not
-                raise StyleError(f"style={style!r}: {error}") from None
+                near = nearest(style, mpl.style.available, "")
+                raise StyleError(f"style={style!r}: {str(error).partition(';')[0]}{near}") from None
             finally:
                 _WISH.reset(token)
 
@@ -182,8 +190,9 @@ def _on_phone(drawn: Callable[[_Wish], Figure]) -> Figure:
         letters = LETTERS // (1 if place is None else place.get_gridspec().ncols)
         _in_lines(axes.xaxis.label, letters)
         for loc in ("left", "center", "right"):
-            if (title := axes.get_title(loc)) and "\n" not in title:  # larger letters, beside the ticks' labels
-                axes.set_title(textwrap.fill(title, 2 * letters // 3), loc=loc)
+            if (title := axes.get_title(loc)) and "\n" not in title:  # beside the ticks' labels
+                with mpl.rc_context(unset_rc()):  # by which a title that is set anew is as large as it was
+                    axes.set_title(textwrap.fill(title, 2 * letters // 3), loc=loc)
     for text in figure.texts:
         _in_lines(text, LETTERS)
     for text in (figure._supxlabel, figure._suptitle):  # type: ignore[attr-defined]
@@ -313,6 +322,8 @@ def settle(figure: Figure) -> Figure:
     with mpl.rc_context(RC):
         figure.set_dpi(DPI)
         engine.execute(figure)
+        if _labels_shortened(figure):
+            engine.execute(figure)
         with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
             figure.set_layout_engine(None)  # "none" would leave one in its place, for which every file is drawn twice
         for axes in figure.axes:
@@ -323,6 +334,26 @@ def settle(figure: Figure) -> Figure:
                 place = axis.label.get_transform().transform(axis.label.get_position())
                 axis.set_label_coords(*axes.transAxes.inverted().transform(place))
     return figure
+
+
+def _labels_shortened(figure: Figure) -> bool:
+    """Labels of axes that reach beyond the figure or into the next panel's, put into several lines: the layout asks
+    only how thick they are."""
+    changed = False
+    for axes in figure.axes:
+        for at, axis in enumerate((axes.xaxis, axes.yaxis)):
+            label, ends = axis.label, axes.bbox.get_points()[:, at]
+            first, last = label.get_window_extent().get_points()[:, at]
+            middle, whole = 0.5 * (first + last), figure.bbox.get_points()[1, at]
+            others = [x.bbox.get_points()[:, at] for x in figure.axes]
+            alone = all(low < ends[1] and high > ends[0] for low, high in others)
+            most = 2.0 * min(middle, whole - middle) if alone else BESIDE * (ends[1] - ends[0])
+            text = label.get_text()
+            if last - first > most > 0.0 and "$" not in text:
+                letters = max(map(len, text.splitlines())) * most / (last - first)
+                label.set_text(textwrap.fill(" ".join(text.split()), max(int(letters), 1)))
+                changed = True
+    return changed
 
 
 def relabel(figure: Figure, units: Units) -> None:

@@ -17,11 +17,13 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import rankdata
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
+from bayes_iwan.screen import on_screen
 from bayes_iwan.threads import alongside
 
 
 @dataclass(frozen=True)
+@on_screen
 class Convergence:
     """The diagnostics of each quantity, arrays of shape (quantities,) in the order of `names`.
 
@@ -35,8 +37,6 @@ class Convergence:
     tau_steps: Array
     n_steps: int
     by_r_hat: frozenset[str] = frozenset()
-
-    __repr__ = brief
 
     @property
     def _assessed(self) -> list[int]:

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from bayes_iwan.campaign import Record
+from bayes_iwan.errors import nearest
 from bayes_iwan.virtual_rig.fault import Fault
 from bayes_iwan.virtual_rig.faults import CATALOGUE, OUTSIDE, laws_of
 from bayes_iwan.virtual_rig.sensors import Sensors
@@ -172,10 +173,10 @@ def draw_case(
     """
     kind = kind or str(rng.choice(list(KIND_SHARES), p=list(KIND_SHARES.values())))
     if kind not in KINDS:
-        raise RigError(f"no kind of case {kind!r}; there are: {', '.join(KINDS)}")
+        raise RigError(f"no kind of case {kind!r}{nearest(kind, KINDS)}")
     strange = sorted(set(excluded_outside) - set(OUTSIDE))
     if strange:
-        raise RigError(f"no fault from outside the catalogue is called {', '.join(strange)}")
+        raise RigError(f"no fault from outside the catalogue is called {strange[0]!r}{nearest(strange[0], OUTSIDE)}")
     names = (
         tuple(faults) if faults is not None else _draw_names(kind, rng, sorted(set(OUTSIDE) - set(excluded_outside)))
     )

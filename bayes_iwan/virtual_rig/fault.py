@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.screen import on_screen
 from bayes_iwan.virtual_rig.kernel import FaultValues
 from bayes_iwan.virtual_rig.sensors import Chain
 
@@ -99,6 +100,7 @@ class Surroundings:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Fault:
     """One fault as it acts in one rig: `name`, `law`, `parameters` with units in their names, `size` if measured.
 

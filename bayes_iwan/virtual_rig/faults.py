@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from bayes_iwan.errors import nearest
 from bayes_iwan.virtual_rig import fault_chain, fault_friction, fault_outside, fault_specimen
 from bayes_iwan.virtual_rig.fault import NO_FAULT, Acting, Fault, FaultKind, Function, Scatter, Surroundings
 from bayes_iwan.virtual_rig.kernel import FaultValues
@@ -29,11 +30,11 @@ def check_faults(faults: Sequence[Fault]) -> None:
     """Raise `RigError` for an unknown name or law, or for a fault without its main parameter."""
     for fault in faults:
         if fault.name not in KINDS:
-            raise RigError(f"no fault {fault.name!r}; the rig has: {', '.join(KINDS)}")
+            raise RigError(f"no fault {fault.name!r}{nearest(fault.name, KINDS)}")
         kind = KINDS[fault.name]
         laws = [law.name for law in kind.laws]
         if fault.law and fault.law not in laws:
-            raise RigError(f"fault {fault.name!r} has no law {fault.law!r}; there are: {', '.join(laws)}")
+            raise RigError(f"fault {fault.name!r} has no law {fault.law!r}{nearest(fault.law, laws)}")
         if kind.main not in fault.parameters:
             raise RigError(f"fault {fault.name!r} needs the parameter {kind.main!r}")
 
@@ -44,7 +45,7 @@ def laws_of(name: str, laws: str = "catalogue", excluded: Sequence[str] = ()) ->
     A fault from outside the catalogue has one law, whatever is asked for. Raises `RigError` if none is left.
     """
     if laws not in LAWS:
-        raise RigError(f"no choice of laws {laws!r}; there are: {', '.join(LAWS)}")
+        raise RigError(f"no choice of laws {laws!r}{nearest(laws, LAWS)}")
     names = [law.name for law in KINDS[name].laws]
     if KINDS[name].listed and laws != "all":
         names = names[:1] if laws == "catalogue" else names[1:]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign import Campaign, Record, read_campaign, write_campaign
+from bayes_iwan.screen import on_screen
 from bayes_iwan.virtual_rig.fault import Fault
 from bayes_iwan.virtual_rig.faults import check_faults
 from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, VirtualRig, records, with_noise
@@ -17,6 +18,7 @@ from bayes_iwan.virtual_rig.specimen import RigError, Specimen, paper_specimen
 
 
 @dataclass(frozen=True)
+@on_screen
 class VirtualCampaign:
     """A campaign simulated on the virtual rig; :func:`simulate_campaign` makes one.
 

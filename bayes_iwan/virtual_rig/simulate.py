@@ -14,6 +14,7 @@ from scipy import signal
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Record
+from bayes_iwan.screen import on_screen
 from bayes_iwan.virtual_rig.fault import Acting, Fault
 from bayes_iwan.virtual_rig.faults import acting, check_faults, scatter
 from bayes_iwan.virtual_rig.kernel import FaultValues, SpecimenValues, march
@@ -22,6 +23,7 @@ from bayes_iwan.virtual_rig.specimen import RigError, Specimen
 
 
 @dataclass(frozen=True)
+@on_screen
 class PlannedTest:
     """One test to be run on the virtual rig.
 

@@ -8,6 +8,7 @@ from math import factorial
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.errors import nearest
 from bayes_iwan.virtual_rig.fault import Fault, Surroundings
 from bayes_iwan.virtual_rig.faults import KINDS, acting, complete, drawn, laws_of
 from bayes_iwan.virtual_rig.simulate import COARSE, PlannedTest, RigMotion, RigRun, VirtualRig
@@ -109,7 +110,7 @@ def size_fault(
     fault is smaller.
     """
     if name not in KINDS:
-        raise RigError(f"no fault {name!r}; the rig has: {', '.join(KINDS)}")
+        raise RigError(f"no fault {name!r}{nearest(name, KINDS)}")
     law = law or laws_of(name)[0]
     sound = sound or surroundings(rig, tests)
     others = drawn(name, law, sound[0], rng)

@@ -15,6 +15,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.errors import InputError
+from bayes_iwan.screen import Named, on_screen
 
 
 class RigError(InputError):
@@ -22,6 +23,7 @@ class RigError(InputError):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Specimen:
     """A rope spring: a parallel spring and individual Jenkins elements under a varying normal force.
 
@@ -69,7 +71,7 @@ class Specimen:
         out["slip_force_N"] = float(self.slip_share_N.sum())
         out["slip_deciles_N"] = [round(float(q), 6) for q in np.quantile(per_share, np.linspace(0, 1, 11))]
         out["n_sliders"] = int(self.slip_share_N.size)
-        return out
+        return Named(out)
 
 
 def _quantiles(n: int, rng: np.random.Generator | None) -> Array:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 
+from bayes_iwan.errors import nearest
 from bayes_iwan.executors import Failure, Workers, finished
 from bayes_iwan.files import clear, write_json
 from bayes_iwan.withheld import confinement
@@ -86,7 +87,7 @@ def answer(
     names = case_names(directory)
     unknown = sorted(set(only or ()) - set(names))
     if unknown:
-        raise WithheldError(f"{directory}: no case {', '.join(unknown)}; there are {names[0]} to {names[-1]}")
+        raise WithheldError(f"{directory}: no case {unknown[0]!r}{nearest(unknown[0], names)}")
     target = out / "answers.json"
     cases = hashlib.sha256(json.dumps(commitments(directory), sort_keys=True).encode()).hexdigest()
     settings = {"schema": 2, "cases": cases, "seed": seed, "quick": quick, "confined": confinement.available()}

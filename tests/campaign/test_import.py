@@ -207,7 +207,7 @@ def test_channels_are_asked_for_where_they_cannot_be_told(table, record):
         (Recipe(sensitivities={"force": "9.55 mV/mm"}), "gives no force"),
         (Recipe(sensitivities={"force": "9.55 mV/N", "displacement": "1 V/mm"}), "in mm already"),
         (Recipe(units={"force": "kNewtonne"}), "unit 'kNewtonne' is not known"),
-        (Recipe(units={"force": "s"}), "s is no unit of force; it must be one of N, N·m, kPa"),
+        (Recipe(units={"force": "s"}), "s is no unit of force; there are N, N·m, kPa"),
     ],
 )
 def test_units_that_make_no_sense(table, record, recipe, words):

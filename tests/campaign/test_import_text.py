@@ -155,7 +155,7 @@ def test_a_wrong_layout_is_refused(tmp_path):
     for layout, words in (
         ({"encoding": "utf-99"}, "utf-99"),
         ({"decimal": ";"}, "decimal must be"),
-        ({"separator": "ab"}, "separator must be"),
+        ({"separator": "ab"}, "is no single character"),
     ):
         with pytest.raises(CampaignError, match=words):
             read(tmp_path, "t,x,F\n" + rows(), **layout)

@@ -57,7 +57,7 @@ CASES = {
     "below a file": ("run", {"out": "file/x"}, "there is a file of this name"),
     "no folder": ("run", {"out": ""}, "is the folder you are in, which cannot be replaced; name one inside it"),
     "cannot be made": ("run", {"out": "/proc/none/x"}, "cannot be made"),
-    "a list": ("run", {"to": "c,fmu"}, "'c,fmu' is no target; choose one of c, fmu"),
+    "a list": ("run", {"to": "c,fmu"}, "'c,fmu' is no target; did you mean 'fmu'"),
     "another's name": ("run", {"to": "simulink"}, "'simulink' is no target"),
     "nearly a name": ("run", {"to": "fmuu"}, "did you mean 'fmu'?"),
     "fewer than none": ("run", {"draws": "-1"}, "draws must be 0 or more, not -1"),

@@ -42,7 +42,7 @@ def test_a_file_is_read(tmp_path):
     [
         ({"sampeling": {}}, "unknown table 'sampeling'; did you mean 'sampling'"),
         ({"sampling": {"walkrs": 64}}, r"\[sampling\]: unknown key 'walkrs'; did you mean 'walkers'"),
-        ({"sampling": {"zzz": 64}}, "use between_tests, budget_s, draws"),
+        ({"sampling": {"zzz": 64}}, "there are between_tests, budget_s, draws"),
         ({"sampling": {"walkers": 0}}, "whole number of at least 1, not 0"),
         ({"sampling": {"walkers": 6.5}}, "whole number"),
         ({"sampling": {"ess": "many"}}, "finite positive number, not 'many'"),

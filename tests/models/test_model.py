@@ -331,7 +331,7 @@ def test_parts_of_the_force_add_up(truth, reference):
 
 
 def test_unknown_parts_are_named(reference):
-    with pytest.raises(ModelError, match=r"model.slip = 'gamma4' is not known; choose one of gamma1"):
+    with pytest.raises(ModelError, match=r"model.slip = 'gamma4' is not known; did you mean 'gamma"):
         Model(reference, slip="gamma4")
     with pytest.raises(ModelError, match=r"model.normal_force = 'hunt' is not known"):
         Model(reference, normal_force="hunt")

@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import unicodedata
+from collections.abc import Iterable
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -68,7 +69,8 @@ WIDTHS = (390, 768, 1280, 1400)
 
 # every width is a frame of its own, so that media queries hold; what is found goes into an element for --dump-dom
 _WRAPPER = """<!DOCTYPE html><meta charset="utf-8"><body><script>
-const html = %s, widths = %s, scrolled = %s, found = {}, SMALLEST = 8.9; // px of a figure's letters on a phone
+const html = %s, widths = %s, scrolled = %s, found = {};
+const SMALLEST = 8.9, BEYOND = 4; // px of a figure's letters on a phone, and of what of them may stick out of it
 function cut(doc, width) {
   const bad = [], view = doc.defaultView, say = (why, e) => bad.push(why + ": " + e.tagName + "." +
     (e.getAttribute("class") || "") + " " + (e.textContent || "").trim().slice(0, 60));
@@ -83,9 +85,22 @@ function cut(doc, width) {
     if (!(table && e !== scroll) && (r.right > width + 1 || r.left < -1)) say("sticks out", e);
     if (style.overflowX !== "visible" && !(table && e === scroll) && e.scrollWidth > e.clientWidth + 1 &&
       !["select", "input"].includes(e.tagName.toLowerCase()) && !e.closest(".uplot")) say("cut", e);
+    if (e.tagName === "text" && e.ownerSVGElement) {
+      const q = e.ownerSVGElement.getBoundingClientRect();
+      if (Math.max(q.left - r.left, r.right - q.right, q.top - r.top, r.bottom - q.bottom) > BEYOND)
+        say("text beyond its figure", e);
+    }
     if (width < 500 && e.tagName === "text" && e.ownerSVGElement && e.textContent.trim()) {
       const svg = e.ownerSVGElement, scale = svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;
       if (parseFloat(style.fontSize) * scale < SMALLEST) say("letters too small to read", e);
+    }
+    for (const node of e.matches("td, td *, th, th *") ? e.childNodes : []) {
+      for (const word of node.nodeType === 3 ? node.data.matchAll(/[^\\s\\/_.–-]{1,14}(?!\\S)/g) : []) {
+        const range = doc.createRange();
+        range.setStart(node, word.index);
+        range.setEnd(node, word.index + word[0].length);
+        if (range.getClientRects().length > 1) say("a word torn in two, " + word[0], e);
+      }
     }
     if (["svg", "img"].includes(e.tagName.toLowerCase())) {
       for (let p = e.parentElement; p && p !== doc.body; p = p.parentElement) {
@@ -114,6 +129,63 @@ function cut(doc, width) {
 </script></body>"""
 
 
+# every page in a frame as tall as it is; of each text its contrast with what lies beneath it, figures' shapes included
+_PALE = """<!DOCTYPE html><meta charset="utf-8"><body><script>
+const pages = %s, found = {}, LEAST = 4.5; // WCAG 2.2, 1.4.3
+const rgba = (text) => [...(text.match(/[\\d.]+/g) || [0, 0, 0, 0]).map(Number), 1].slice(0, 4);
+const over = (top, under) => top.slice(0, 3).map((x, i) => x * top[3] + under[i] * (1 - top[3])).concat(1);
+const linear = (x) => x / 255 <= 0.04045 ? x / 255 / 12.92 : ((x / 255 + 0.055) / 1.055) ** 2.4;
+const light = (c) => 0.2126 * linear(c[0]) + 0.7152 * linear(c[1]) + 0.0722 * linear(c[2]) + 0.05;
+const contrast = (a, b) => Math.max(light(a) / light(b), light(b) / light(a));
+function pale(doc) {
+  const bad = [], style = (e) => doc.defaultView.getComputedStyle(e), paper = rgba(style(doc.body).backgroundColor);
+  const clear = (e) => e === doc.body ? 1 : +style(e).opacity * clear(e.parentElement);
+  const filled = (e) => { // what an element covers its place with
+    if (!e.ownerSVGElement) return rgba(style(e).backgroundColor);
+    const s = style(e), c = s.fill.startsWith("rgb") && e.tagName !== "text" ? rgba(s.fill) : [0, 0, 0, 0];
+    return [c[0], c[1], c[2], c[3] * s.fillOpacity * clear(e)];
+  };
+  for (const d of doc.querySelectorAll("details")) d.open = true;
+  const walker = doc.createTreeWalker(doc.body, NodeFilter.SHOW_TEXT), range = doc.createRange();
+  while (walker.nextNode()) {
+    const node = walker.currentNode, e = node.parentElement;
+    if (!node.data.trim() || e.closest("script, style, title, .skip")) continue;
+    range.selectNodeContents(node);
+    const r = range.getBoundingClientRect(), s = style(e);
+    if (!r.width || s.visibility === "hidden") continue;
+    const own = rgba(e.ownerSVGElement ? s.fill : s.color);
+    own[3] *= clear(e);
+    let least = Infinity;
+    for (const share of [0.1, 0.5, 0.9]) {
+      const stack = doc.elementsFromPoint(r.left + share * r.width, r.top + 0.5 * r.height), at = stack.indexOf(e);
+      const under = stack.slice(at + 1).map(filled), whole = under.findIndex((c) => c[3] > 0.999);
+      const back = (whole < 0 ? under : under.slice(0, whole + 1)).reduceRight((b, c) => over(c, b), paper);
+      least = Math.min(least, contrast(over(own, back), back));
+    }
+    if (least < LEAST) bad.push(least.toFixed(2) + ": " + node.data.trim().slice(0, 60));
+  }
+  return bad;
+}
+(async function () {
+  for (const [name, html] of Object.entries(pages)) {
+    const frame = document.createElement("iframe");
+    frame.style.cssText = "border:0;height:1200px;width:1280px";
+    frame.srcdoc = html;
+    await new Promise((done) => { frame.onload = done; document.body.appendChild(frame); });
+    for (const d of frame.contentDocument.querySelectorAll("details")) d.open = true;
+    frame.style.height = frame.contentDocument.documentElement.scrollHeight + "px";
+    await new Promise((done) => setTimeout(done, 100));
+    found[name] = pale(frame.contentDocument);
+    frame.remove();
+  }
+  const out = document.createElement("pre");
+  out.id = "found";
+  out.textContent = JSON.stringify(found);
+  document.body.appendChild(out);
+})();
+</script></body>"""
+
+
 def run_browser(page: Path | str, profile: Path, *options: str) -> tuple[str, str]:
     """Run Chromium on a local file or an address; returns its stdout and stderr."""
     command = [str(BROWSER), *OPTIONS, f"--user-data-dir={profile}", "--enable-logging=stderr"]
@@ -122,18 +194,58 @@ def run_browser(page: Path | str, profile: Path, *options: str) -> tuple[str, st
     return run.stdout, run.stderr
 
 
+def open_to_scripts(page: str) -> str:
+    """The page with a policy that lets this file's scripts in beside the page's own; the rest of it stands."""
+    text, n = re.subn(r"script-src [^;]+", "script-src 'unsafe-inline'", page)
+    assert n == 1
+    return text
+
+
+def done_in(page: Path, script: str, folder: Path) -> Any:
+    """What a script finds in a page after its own: the value of an async function with this body."""
+    text = open_to_scripts(page.read_text(encoding="utf-8"))
+    put = """<script>(async function () { %s })().then((found) => {
+      const out = document.createElement("pre");
+      out.id = "found";
+      out.textContent = JSON.stringify(found);
+      document.body.appendChild(out);
+    });</script></body>"""
+    path = folder / f"{page.stem}_done.html"
+    path.write_text(text.replace("</body>", put % script), encoding="utf-8")
+    return found_in(path, folder)
+
+
+def found_in(path: Path, folder: Path, *options: str) -> Any:
+    """What a page's script puts into its element "found"."""
+    out, err = run_browser(path, folder / "profile", "--dump-dom", *options)
+    found = re.search(r'<pre id="found">(.*?)</pre>', out, re.S)
+    assert found, err[-2000:]
+    return json.loads(html.unescape(found.group(1)))
+
+
+def found_by(wrapper: str, told: tuple[object, ...], folder: Path, *options: str) -> Any:
+    """What a wrapper's script, with what it is told, puts into its element "found"."""
+    path = folder / "wrapped.html"
+    path.write_text(wrapper % tuple(json.dumps(x).replace("<", "\\u003c") for x in told), encoding="utf-8")
+    return found_in(path, folder, *options)
+
+
+def _source(page: Path) -> str:
+    """A page's text as a frame takes it, with what it links to found."""
+    return page.read_text(encoding="utf-8").replace("<head>", f'<head><base href="{page.parent.as_uri()}/">', 1)
+
+
 def cut_elements(
     page: Path, folder: Path, widths: tuple[int, ...] = WIDTHS, scrolled: int = 10_000
 ) -> dict[str, list[str]]:
     """What is cut or sticks out of a page, a list for each width in px; below `scrolled` px tables may scroll."""
-    text = page.read_text(encoding="utf-8").replace("<head>", f'<head><base href="{page.parent.as_uri()}/">', 1)
-    source = json.dumps(text).replace("<", "\\u003c")
-    wrapper = folder / f"{page.stem}_wrapped.html"
-    wrapper.write_text(_WRAPPER % (source, json.dumps(widths), scrolled), encoding="utf-8")
-    out, err = run_browser(wrapper, folder / "profile", "--dump-dom", "--window-size=1500,1300")
-    found = re.search(r'<pre id="found">(.*?)</pre>', out, re.S)
-    assert found, err[-2000:]
-    return json.loads(html.unescape(found.group(1)))
+    return found_by(_WRAPPER, (_source(page), widths, scrolled), folder, "--window-size=1500,1300")
+
+
+def pale_texts(pages: Iterable[Path], folder: Path, dark: bool) -> dict[str, list[str]]:
+    """Texts whose contrast with what they stand on is below 4.5, a list for each page."""
+    scheme = f"--blink-settings=preferredColorScheme={0 if dark else 1}"
+    return found_by(_PALE, ({p.name: _source(p) for p in pages},), folder, scheme)
 
 
 def printed(pdf: Path) -> list[list[tuple[str, float, float]]]:

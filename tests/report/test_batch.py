@@ -12,10 +12,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from pypdf import PdfReader
 
 import bayes_iwan
 from bayes_iwan.report.batch import batch_run as room
 from bayes_iwan.report.batch.batch_run import BatchError, batch
+from bayes_iwan.report.batch.batch_sheet import WORDS
+from bayes_iwan.report.identification.marginals import in_interval
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
 
@@ -66,11 +69,49 @@ def test_what_is_finished_what_failed_and_the_files(done):
     assert float(rows[1]["kp_N_mm_q50"]) == pytest.approx(kp["b"].median) and rows[2]["state"] == "failed"
     parquet = pytest.importorskip("pyarrow.parquet").read_table(out / "batch.parquet").to_pydict()
     assert parquet["kp_N_mm_q50"][1] == pytest.approx(kp["b"].median)
+    for written in (x for x in out.rglob("*") if x.is_file()):
+        assert str(out.parents[1]).encode() not in written.read_bytes(), written
     page = (out / "batch.html").read_text()
     assert "broken &lt;b&gt;" in page and "<b>" not in page and 'href="specimens/a/report.html"' in page
     assert not [p for p in out.rglob(".*")] and not list(out.rglob("chains.ckpt"))
     population = result.populations["kp_N_mm"]
     assert population.typical[1] < 5.5 < population.typical[2] and population.spread[1] < 0.1 < population.spread[2]
+
+
+def test_the_excel_file_is_the_csv_file(done):
+    """The same head, rows and numbers, as numbers; what is empty in one is empty in the other."""
+    openpyxl = pytest.importorskip("openpyxl")
+    _, out = done
+    (sheet,) = openpyxl.load_workbook(out / "batch.xlsx").worksheets
+    rows = [*csv.reader((out / "batch.csv").open(encoding="utf-8"))]
+    cells = [*sheet.iter_rows(values_only=True)]
+    assert len(cells) == len(rows) == 5 and list(cells[0]) == rows[0]
+    numbers = 0
+    for excel, text in zip(cells[1:], rows[1:], strict=True):
+        for name, cell, written in zip(rows[0], excel, text, strict=True):
+            if isinstance(cell, int | float):
+                assert cell == pytest.approx(float(written), rel=1e-8), name
+                numbers += 1
+            else:
+                assert (cell or "") == written, name
+    assert numbers > 30 and sheet.freeze_panes == "B2"
+
+
+def test_the_customer_s_sheet_is_one_page_with_the_batch_s_numbers(done):
+    result, out = done
+    (page,) = PdfReader(out / "sheet.pdf").pages
+    width, height = (float(x) / 72 for x in page.mediabox[2:])
+    assert (width, height) == pytest.approx((8.27, 11.69), abs=0.02)
+    text = " ".join(page.extract_text().split())
+    assert "4 specimens" in text and "3 finished, 1 failed" in text and "Failed: broken <b>" in text
+    rows = [q for q in result.populations if q in WORDS]
+    assert {"kp_N_mm", "k1_N_mm", "mean_slip_force_N"} <= {*rows}
+    for q in rows:
+        p = result.populations[q]
+        if not p.doubt:
+            assert "{} [{}, {}]".format(*in_interval(*p.typical)) in text, q
+            assert f"{100 * p.spread[0]:.2g} %" in text, q
+    assert all(x.name in text for x in result.unusual)
 
 
 def test_the_answer_is_that_of_the_specimen_alone(done, folder, tmp_path):

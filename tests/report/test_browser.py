@@ -12,7 +12,7 @@ from pypdf import PdfReader
 from bayes_iwan.report.browser import print_pdf
 from bayes_iwan.report.identification.predictive import predict
 
-from .layout import BROWSER, NO_BROWSER, run_browser
+from .layout import BROWSER, NO_BROWSER, open_to_scripts, run_browser
 
 pytestmark = [pytest.mark.usefixtures("no_figure_files"), pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)]
 
@@ -65,13 +65,6 @@ window.onerror = (message) => { window.pageErrors.push(String(message)); };
 document.addEventListener("securitypolicyviolation", (e) => window.pageErrors.push("asked for " + e.blockedURI));
 </script>
 """
-
-
-def open_to_scripts(html):
-    """The page with a policy that lets this file's scripts in beside the page's own; the rest of it stands."""
-    text, n = re.subn(r"script-src [^;]+", "script-src 'unsafe-inline'", html)
-    assert n == 1
-    return text
 
 
 @pytest.fixture(scope="module")

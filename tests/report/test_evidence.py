@@ -107,11 +107,11 @@ def test_page_and_table_of_a_comparison(comparison, tmp_path):
 
 
 def test_bad_requests_are_refused(posterior):
-    with pytest.raises(CompareError, match=r"no family 'gama1'; there are gamma3.*did you mean 'gamma1'"):
+    with pytest.raises(CompareError, match=r"no family 'gama1'; did you mean 'gamma1'"):
         compare_families(posterior.problem.loops, ["gama1", "gamma2"])
     with pytest.raises(CompareError, match="at least two"):
         compare_families(posterior.problem.loops, ["gamma1"])
-    with pytest.raises(CompareError, match="choose auto, loo or tests"):
+    with pytest.raises(CompareError, match="is not known; there are auto, loo, tests"):
         compare_families(posterior.problem.loops, ["gamma1", "gamma2"], by="eye")
 
 

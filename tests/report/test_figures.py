@@ -182,7 +182,7 @@ def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_pa
     assert [bi.plot.loops(posterior, width=n).get_figwidth() for n in (1, 2)] == [3.5, 7.2]  # columns
     for name in set(bi.plot.__all__) - {"save"}:  # help shows what they all take
         assert {"style", "width", "ax"} <= set(inspect.signature(getattr(bi.plot, name)).parameters), name
-    with pytest.raises(ValueError, match="use 'column', 1, 'page', 2 or inches"):
+    with pytest.raises(ValueError, match="a number of inches, or a name; did you mean 'column'"):
         bi.plot.loops(posterior, width="colum")
     with pytest.raises(ValueError, match="did you mean 'f10_a0"):
         bi.plot.loop(posterior, "f10_a0.csv")

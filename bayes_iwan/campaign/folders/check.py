@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING
 
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.campaign.folders.folder import read_checked
+from bayes_iwan.screen import Listed, on_screen, screen
 
 if TYPE_CHECKING:
     from bayes_iwan.campaign.folders.inspect import Inspection
@@ -17,6 +17,7 @@ PathLike = str | os.PathLike[str]
 
 
 @dataclass(frozen=True, repr=False)
+@on_screen
 class Check:
     """A campaign that was read, and what each of its tests shows before any model; made by :func:`check`.
 
@@ -43,9 +44,16 @@ class Check:
     @property
     def loops(self) -> tuple[Loop, ...]:
         """The averaged tests."""
-        return tuple(x.loop for x in self.tests)
+        return Listed(x.loop for x in self.tests)
 
     def __repr__(self) -> str:
+        title, head, *rows = self._lines()
+        return screen((title,), [head, *rows], where="print(check)")
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _lines(self) -> list[str]:
         c = self.campaign
         head = (
             f"{'f, Hz' if c.clock else '':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} "
@@ -60,10 +68,7 @@ class Check:
                 f"{_shown(x.offset_mm, x.amplitude_mm)} {test.noise_N:9.2g}  {x.role}"
             )
             lines += [f"    {note}" for note in test.notes]
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
+        return lines
 
 
 def _shown(mean: float, size: float) -> str:

@@ -1,17 +1,15 @@
 """The campaign folder: reading and checking `campaign.toml` and its records."""
 
-import difflib
 import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, wrapped
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.contents import folders_said
 from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE, Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
@@ -26,6 +24,7 @@ from bayes_iwan.campaign.recording.units import ACCELERATIONS, DISPLACEMENTS, FO
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.timing.cycles import cut_cycles
 from bayes_iwan.errors import nearest
+from bayes_iwan.screen import Listed, on_screen, screen
 from bayes_iwan.threads import alongside
 
 FORMAT = 1
@@ -34,11 +33,11 @@ CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz", "
 #: numbers that a user may expect to be applied to a record; none is, so they are not taken for a property of the test
 NOT_APPLIED = re.compile(r"(gain|scale|factor|offset|sign|sensitivity|delay|calibration)($|_)", re.IGNORECASE)
 WITHOUT_CLOCK_HZ = 1.0  # frequency of every test of a campaign without a clock: the cycle is the unit of time
-MOST_SHOWN = 30  # tests that a campaign shows of itself, so that it fits a screen
 TYPO = 0.88  # likeness from which a key of a test is taken for a known one misspelt
 
 
 @dataclass(frozen=True)
+@on_screen
 class Campaign:
     """All tests of one specimen, as `campaign.toml` lists them; made by :func:`read_campaign`.
 
@@ -82,12 +81,7 @@ class Campaign:
     def __repr__(self) -> str:
         said = f": {self.description}" if self.description else ""
         head = f"campaign {self.name} (folder {self.path.name or self.path}), {len(self.tests)} tests{said}"
-        lines = [wrapped(head), *(f"  {test!r}" for test in self.tests[:MOST_SHOWN])]
-        more = len(self.tests) - MOST_SHOWN
-        return "\n".join([*lines, *([f"  … and {more} more, all in .tests"] if more > 0 else [])])
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
+        return screen((head,), [f"  {test!r}" for test in self.tests], where=".tests")
 
     @property
     def units(self) -> Units:
@@ -123,7 +117,7 @@ class Campaign:
         """
 
         def averaged(points: int) -> tuple[Loop, ...]:
-            return tuple(alongside(lambda test: average(test, points, n_harmonics, n_blocks), self.tests))
+            return Listed(alongside(lambda test: average(test, points, n_harmonics, n_blocks), self.tests))
 
         if n_phase is not None:
             return averaged(n_phase)
@@ -291,13 +285,10 @@ def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Tes
     known = {"file", "role", "frequency_hz", amplitude}
     for key in ("frequency_hz", amplitude) if clock else (amplitude,):
         if key not in entry:
-            near = difflib.get_close_matches(key, set(entry) - known, 1)
-            raise CampaignError(
-                f"{where}: {key} is missing" + (f"; did you mean {near[0]} to be {key}?" if near else "")
-            )
+            raise CampaignError(f"{where}: {key} is missing{nearest(key, set(entry) - known, '')}")
         positive(entry[key], f"{where}: {key}")
     if not isinstance(entry.get("role", "fit"), str) or entry.get("role", "fit") not in ROLES:
-        raise CampaignError(f"{where}: role must be one of {', '.join(ROLES)}, not {shown(entry['role'])}")
+        raise CampaignError(f"{where}: role {shown(entry['role'])} is not known{nearest(entry['role'], ROLES)}")
     extras = {}
     for key in entry.keys() - known:
         if key in sizes:
@@ -315,7 +306,7 @@ def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Tes
 
 def _not_meant(key: str, where: str, known: set[str]) -> None:
     """Refuse a key that would be kept as a property of the test although something else was meant by it."""
-    if meant := nearest(key.lower(), known, alike=TYPO):
+    if meant := nearest(key.lower(), known, "", TYPO):
         raise CampaignError(f"{where}: unknown key {shown(key)}{meant}")
     if NOT_APPLIED.match(key):
         raise CampaignError(

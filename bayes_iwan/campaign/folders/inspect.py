@@ -13,6 +13,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.folder import Campaign
 from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.loops.steadiness import SHAPE_HARMONICS, Cycles, cycles_of
+from bayes_iwan.screen import on_screen
 
 LEVEL = 0.90  # of the intervals
 MAINS_HZ = (50.0, 60.0)
@@ -26,6 +27,7 @@ PLAIN_DRIVE = 0.05  # total harmonic distortion up to which a drive is called a 
 
 
 @dataclass(frozen=True)
+@on_screen
 class CycleMean:
     """A mean over cycles and its interval (LEVEL); nan where there is one cycle only."""
 
@@ -50,6 +52,7 @@ class Line:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Inspection:
     """One test, before any model.
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_iwan.arrays import brief
 from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
@@ -16,6 +15,7 @@ from bayes_iwan.campaign.importing.unit_texts import FULL_SCALE, ROLES, converte
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.unapplied import NOT_MEASURED
 from bayes_iwan.errors import nearest
+from bayes_iwan.screen import on_screen
 
 NO_TIME = "none"  # as the name of a time channel: there is none, the rate counts
 #: examples of sensitivities, by role
@@ -26,6 +26,7 @@ LATE = 0.5  # of a record by which one of two clocks may be late and still be it
 
 
 @dataclass(frozen=True)
+@on_screen
 class Assigned:
     """The channels of a test. role : "displacement" or "acceleration" of the motion. times : None where there is a rate
     only, else the time channel that stands beside the motion and the one beside the force, which may be one."""
@@ -36,8 +37,6 @@ class Assigned:
     motion_time: Channel | None
     force_time: Channel | None
     notes: tuple[str, ...]
-
-    __repr__ = brief
 
 
 def roles_held(recording: Recording, recipe: Recipe) -> set[str]:
@@ -254,7 +253,7 @@ def _ask(recording: Recording, role: str, name: str) -> Channel:
             f"{recording.where}: {len(same)} channels are called {name!r}; give the number of the {role}: "
             f"{_list(recording, same)}"
         )
-    among = f"{_list(recording, list(recording.channels))}{nearest(name, [c.name for c in recording.channels])}"
+    among = f"{_list(recording, list(recording.channels))}{nearest(name, [c.name for c in recording.channels], '')}"
     raise CampaignError(f"{recording.where}: no channel {shown(name)} ({role}) among {among}")
 
 

@@ -35,6 +35,7 @@ from bayes_iwan.campaign.timing.accelerometer import displacement_from_accelerat
 from bayes_iwan.campaign.timing.displacement_drift import without_drift
 from bayes_iwan.campaign.timing.drive import assess_drive, split_levels, staircase_said
 from bayes_iwan.campaign.timing.period import crossings_a_period
+from bayes_iwan.errors import nearest
 
 ACCELERATION_COLUMNS = {"mm": "acceleration_m_s2", "mrad": "acceleration_rad_s2"}
 NO_FREQUENCY_HZ = 1e-9
@@ -130,8 +131,8 @@ def _held_out(records: Sequence[Record], patterns: Sequence[str]) -> list[Record
         stems = pattern.removesuffix(".csv"), Path(pattern.removesuffix(".csv")).stem
         hits = [k for k, r in enumerate(out) if any(fnmatch(r.file.removesuffix(".csv"), x) for x in stems)]
         if not hits:
-            there = ", ".join(r.file for r in out)
-            raise CampaignError(f"--held-out {pattern}: no test is called so; there are {there}")
+            there = [r.file.removesuffix(".csv") for r in out]
+            raise CampaignError(f"--held-out {pattern}: no test is called so{nearest(pattern, there)}")
         for k in hits:
             out[k] = replace(out[k], role="held-out")
     if all(r.role == "held-out" for r in out):

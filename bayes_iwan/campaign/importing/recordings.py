@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.importing.unit_texts import converted, is_unit, role_of, split_name
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.screen import on_screen
 
 FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal
 RATES_HZ = 1e-6, 1e12  # of samples: beyond it, none was stated
@@ -22,6 +23,7 @@ class NoSignals(CampaignError):
 
 
 @dataclass(frozen=True, eq=False)
+@on_screen
 class Channel:
     """One signal as it stands in the file.
 
@@ -39,10 +41,9 @@ class Channel:
     group: str = ""
     heading: str = ""
 
-    __repr__ = brief
-
 
 @dataclass(frozen=True, eq=False)
+@on_screen
 class Recording:
     """The channels that were recorded together: a file, or one of several parts of it.
 
@@ -60,8 +61,6 @@ class Recording:
     rates_hz: tuple[float, ...] = ()
     warnings: tuple[str, ...] = ()
     began_s: float | None = None
-
-    __repr__ = brief
 
     @property
     def where(self) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.errors import nearest
 
 #: role → working unit of a campaign → the same for pint. An angle has no dimension: it is known by its unit's name
 ROLES: dict[str, dict[str, str]] = {
@@ -237,7 +238,8 @@ def converted(values: Array, unit: str, sensitivity: str, role: str, where: str)
     known = ", ".join(ROLES[role])
     quantity = _quantity(decimal_point(unit), role)
     if unit and quantity is None:
-        raise CampaignError(f'{where}: unit {unit!r} is not known; say it with --unit "{role}=UNIT" ({known} ...)')
+        near = nearest(unit, ROLES[role], f" ({known} ...)")
+        raise CampaignError(f'{where}: unit {unit!r} is not known; say it with --unit "{role}=UNIT"{near}')
     if sensitivity:
         per = _quantity(decimal_point(sensitivity), role)
         if per is None or per.magnitude == 0:
@@ -251,6 +253,6 @@ def converted(values: Array, unit: str, sensitivity: str, role: str, where: str)
         quantity = ways[0]
     working = None if quantity is None else _working(quantity, role)
     if working is None:
-        raise CampaignError(f"{where}: unit {unit} is no unit of {role}; it must be one of {known} ...")
+        raise CampaignError(f"{where}: unit {unit} is no unit of {role}{nearest(unit, ROLES[role])}")
     factor = float(quantity.to(ROLES[role][working]).magnitude)
     return values * factor, working

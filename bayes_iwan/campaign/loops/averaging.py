@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.noise import MANY_CYCLES, SOME_CYCLES, harmonic_noise
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.corners import CORNERS_GAP, CORNERS_SAMPLES, LEAST_GAP, cornered_motion, has_corners
 from bayes_iwan.campaign.timing.cycles import MOST_HARMONICS, Cut, cut_cycles
 from bayes_iwan.campaign.timing.harmonics import evaluate, grams, inverse, on_grid, project, to_complex
+from bayes_iwan.screen import on_screen
 
 FEWEST_PER_CYCLE = 8.0  # samples
 SAMPLES_PER_HARMONIC = 0.45  # harmonics resolved per sample of a cycle; 0.5 is Nyquist
@@ -30,6 +31,7 @@ FALSE_HARMONIC = 1e-3  # chance that any noise-only harmonic enters the displace
 
 
 @dataclass(frozen=True)
+@on_screen
 class Averager:
     """The linear map from a signal on a record's samples to harmonics per block of cycles.
 
@@ -44,8 +46,6 @@ class Averager:
     inverses: Array
     n_harmonics: int
     shift: float = 0.0
-
-    __repr__ = brief
 
     @property
     def n_resolved(self) -> int:

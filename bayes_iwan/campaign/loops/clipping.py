@@ -15,6 +15,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.recording.records import Record
 from bayes_iwan.campaign.timing.harmonics import white_noise
+from bayes_iwan.screen import on_screen
 
 COARSE = 0.01  # of the span: a smallest step so large that a flat top is a single value of the recorder
 FLAT = 0.01  # of the force's height: what counts as its top
@@ -31,6 +32,7 @@ BEYOND = 0.02  # of the channel's height: what is recorded so far beyond a level
 
 
 @dataclass(frozen=True)
+@on_screen
 class Limit:
     """A level at which one channel of one test seems limited.
 

@@ -15,6 +15,7 @@ from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.recording.records import CampaignError
 from bayes_iwan.campaign.timing.cycles import cycle_shapes
 from bayes_iwan.campaign.timing.harmonics import white_noise
+from bayes_iwan.screen import on_screen
 
 SHAPE_HARMONICS = 6  # by which cycles are compared
 FEWEST = 6  # cycles below which scatter over cycles says nothing
@@ -31,6 +32,7 @@ FLAT_SAMPLES = 5  # a stretch off the others that does not move for so many samp
 
 
 @dataclass(frozen=True)
+@on_screen
 class Cycles:
     """A record's kept cycles one by one.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.stated import positive
 from bayes_iwan.campaign.recording.units import DISPLACEMENTS, FORCES, Units
+from bayes_iwan.errors import nearest
 
 WHERE = "campaign.toml [rig]"
 
@@ -45,15 +46,15 @@ def limits_of(stated: Mapping[str, object], units: Units) -> RigLimits:
             unit = key.removeprefix(f"{what}_")
             if unit not in sizes:
                 raise CampaignError(
-                    f"{WHERE}: {shown(key)} does not say a unit of this campaign; end it in one of "
-                    + ", ".join("_" + u for u in sizes)
+                    f"{WHERE}: {shown(key)} does not say a unit of this campaign"
+                    + nearest(key, [f"{what}_{x}" for x in sizes])
                 )
             size[what] = positive(stated[key], f"{WHERE}: {key}") * sizes[unit]
     for key in stated:
         if key != "frequency_hz" and not key.startswith(("force_", "amplitude_")):
-            raise CampaignError(
-                f"{WHERE}: unknown key {shown(key)}; known are frequency_hz, amplitude_{units.displacement} and force_…"
-            )
+            known = ["frequency_hz", *(f"amplitude_{x}" for x in DISPLACEMENTS[units.displacement])]
+            known += [f"force_{x}" for x in FORCES[units.force]]
+            raise CampaignError(f"{WHERE}: unknown key {shown(key)}{nearest(key, known)}")
     return RigLimits(size.get("force"), size.get("amplitude"), _range(stated.get("frequency_hz")))
 
 

@@ -7,7 +7,8 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.units import Units
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
+from bayes_iwan.screen import on_screen
 
 ROLES = ("fit", "held-out")
 
@@ -17,6 +18,7 @@ class CampaignError(InputError):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Record:
     """One test as it was recorded, in s, mm and N (or what `units` says in their place: mrad and N·m, mm and kPa).
 
@@ -81,7 +83,7 @@ class Record:
                 f"{n}, {np.shape(self.displacement_mm)}, {np.shape(self.force_N)}"
             )
         if self.role not in ROLES:
-            raise CampaignError(f"{self.file}: role must be one of {', '.join(ROLES)}, not {self.role!r}")
+            raise CampaignError(f"{self.file}: role {self.role!r} is not known{nearest(self.role, ROLES)}")
 
 
 def shown(value: object) -> str:

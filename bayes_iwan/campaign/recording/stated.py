@@ -39,8 +39,7 @@ def only(table: Mapping[str, object], known: set[str], where: str) -> None:
     """Refuse a key that is not known, naming the one that was probably meant."""
     for key in table:
         if key not in known:
-            hint = nearest(key, known, f"; known are {', '.join(sorted(known))}")
-            raise CampaignError(f"{where}: unknown key {shown(key)}{hint}")
+            raise CampaignError(f"{where}: unknown key {shown(key)}{nearest(key, sorted(known))}")
 
 
 def number_of(value: object, where: str) -> float:

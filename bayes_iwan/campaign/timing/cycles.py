@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.records import CampaignError
 from bayes_iwan.campaign.timing.harmonics import evaluate, fit, inverse_grams, project, white_noise
 from bayes_iwan.campaign.timing.period import period_marks, short_period, whole_period
+from bayes_iwan.screen import on_screen
 
 MOST_HARMONICS = 50  # of a loop
 HYSTERESIS = 0.25  # of the amplitude: far above any usable noise, well inside any motion
@@ -29,6 +30,7 @@ BETTER_PHASE = (0.8, 0.98)  # a free phase must shrink the residual RMS of displ
 
 
 @dataclass(frozen=True)
+@on_screen
 class Cut:
     """The cycles of one record.
 
@@ -51,8 +53,6 @@ class Cut:
     run_out: int
     gap_cycles: int
     late: float = 0.0
-
-    __repr__ = brief
 
     @property
     def index(self) -> np.ndarray:

@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.cycles import HYSTERESIS, crossings, cycle_shapes, phase_between
 from bayes_iwan.campaign.timing.harmonics import white_noise
 from bayes_iwan.campaign.timing.period import period_marks, whole_period
+from bayes_iwan.screen import on_screen
 
 LEVEL = 0.03  # two levels further apart than this (of amplitude or frequency) are two tests
 HELD = 3  # cycles that a level lasts at least; fewer are a transition
@@ -37,6 +38,7 @@ class Level:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Drive:
     """What a record was driven with, cycle by cycle.
 
@@ -52,8 +54,6 @@ class Drive:
     levels: tuple[Level, ...]
     kind: str
     pauses_s: tuple[tuple[float, float], ...] = ()
-
-    __repr__ = brief
 
 
 def assess_drive(time_s: Array, displacement: Array) -> Drive | None:

@@ -14,6 +14,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
 from bayes_iwan.diagnosis.fits.residuals import LOOP, Residual
+from bayes_iwan.screen import on_screen
 
 ORDERS = (1, 2, 3, 4, 5)
 FREQUENCY_POWERS = np.arange(-2.0, 3.01, 0.25)
@@ -32,6 +33,7 @@ REPORTED_MOST = 4
 
 
 @dataclass(frozen=True)
+@on_screen
 class GrowthLaw:
     """c · (f/f₀)^a · (A/A₀)^b in one harmonic; f₀ and A₀ are the largest of the tests.
 

@@ -23,6 +23,7 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.inference.setup.priors import Prior
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import ParameterChange
+from bayes_iwan.screen import on_screen
 
 #: a dependence is said where one that explains it gains EFFECT_NATS, as an effect must, and makes the gap smaller by
 #: this share of the friction force. A share of the gap does not tell: what else is left would hide the dependence
@@ -93,6 +94,7 @@ class Explanation:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Imitation:
     """A dependence that these tests show and that the base can imitate.
 
@@ -121,6 +123,7 @@ def said_in_text(some: Sequence[Imitation]) -> list[Imitation]:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Edge:
     """A base parameter far from what its prior holds plausible: value, unit, prior standard deviations from the median,
     and the prior in words."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.answer.growth_laws import GrowthLaw, LawSearch
@@ -26,6 +26,7 @@ from bayes_iwan.diagnosis.search.search_result import Search
 from bayes_iwan.inference.setup.loop_error import harmonics_of
 from bayes_iwan.models import Model
 from bayes_iwan.models.simulator import inner_effects
+from bayes_iwan.screen import on_screen
 
 FAMILY_WISE = 0.05
 SIMULATIONS = 1000
@@ -40,6 +41,7 @@ GROSS = 0.2
 
 
 @dataclass(frozen=True)
+@on_screen
 class Statistic:
     """One statistic of the residual.
 
@@ -61,6 +63,7 @@ class Statistic:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Where:
     """All statistics, how many they are, and arrays for pictures.
 
@@ -88,8 +91,6 @@ class Where:
     sticking: Array | None
     change_N: Array
     clock: bool = True
-
-    __repr__ = brief
 
     def of(self, kind: str) -> tuple[Statistic, ...]:
         return tuple(x for x in self.statistics if x.kind == kind)

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.campaign.timing.groups import SAME
 from bayes_iwan.diagnosis.assessment.calibration import calibration
@@ -22,6 +22,7 @@ from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.inference.setup.loop_error import harmonics_of
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 from bayes_iwan.models import sine_motion
+from bayes_iwan.screen import on_screen
 
 #: an effect of typical size must promise so many nats, or these tests could not have shown it
 TESTABLE_NATS = 9.0
@@ -76,6 +77,7 @@ def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, .
 
 
 @dataclass(frozen=True)
+@on_screen
 class NextTest:
     """The loop test that would separate two explanations best, or what to do at the bench where none would.
 
@@ -89,8 +91,6 @@ class NextTest:
     separates: tuple[str, str]
     expected_log_odds: float
     bench: str
-
-    __repr__ = brief
 
 
 def plans_of(data: GapData, fit: Fit, limits: RigLimits) -> list[tuple[float, float]]:

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
-from bayes_iwan.arrays import wrapped
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.loops.clipping import Limit
 from bayes_iwan.diagnosis.answer.imitation import Edge, Imitation
@@ -19,9 +18,11 @@ from bayes_iwan.diagnosis.fits.gap_size import GapSize
 from bayes_iwan.diagnosis.fits.residuals import Residual
 from bayes_iwan.diagnosis.search.search_result import Search
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.screen import Listed, Named, on_screen, screen, wrapped
 
 
 @dataclass(frozen=True)
+@on_screen
 class EffectParameter:
     """A parameter of an effect: mean, standard deviation, 5 and 95 % quantiles, unit."""
 
@@ -33,6 +34,7 @@ class EffectParameter:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Moved:
     """A parameter of the specimen without and with the named causes in the model; sd of the difference, unit."""
 
@@ -43,6 +45,7 @@ class Moved:
 
 
 @dataclass(frozen=True, repr=False)
+@on_screen
 class Diagnosis:
     """What the model misses, as a budget of named causes and an unexplained part.
 
@@ -105,7 +108,8 @@ class Diagnosis:
     sampling: Sampling | None
 
     def __repr__(self) -> str:
-        return "\n".join((f"diagnosis of {self.campaign.name}:", *(wrapped(f"  {s}") for s in self.sentences())))
+        said = "\n".join(wrapped(f"  {s}") for s in self.sentences()).splitlines()
+        return screen((f"diagnosis of {self.campaign.name}:",), said, where=".sentences()")
 
     def _repr_html_(self) -> str:
         said = "".join(f"<li>{escape(s)}</li>" for s in self.sentences())
@@ -115,11 +119,11 @@ class Diagnosis:
         """What `diagnosis.json` holds."""
         from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict
 
-        return to_dict(self)
+        return Named(to_dict(self))
 
-    def sentences(self) -> list[str]:
+    def sentences(self) -> tuple[str, ...]:
         """The answer in plain words."""
-        return list(self.to_dict()["sentences"])
+        return Listed(self.to_dict()["sentences"])
 
     @property
     def search(self) -> Search:

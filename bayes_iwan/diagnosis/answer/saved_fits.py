@@ -19,7 +19,7 @@ from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.effects.catalogue import as_stored, load_effects, of_stored, ordered
 from bayes_iwan.errors import InputError
-from bayes_iwan.files import reading, write_json
+from bayes_iwan.files import reading, seen_from, write_json
 from bayes_iwan.inference.setup.config import diagnose_settings_of
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -78,12 +78,13 @@ def write_fits(
     simulator_file: str | None,
 ) -> None:
     """Write `fits.json`."""
+    effects, simulator = (file and seen_from(path.parent, file) for file in (effects_file, simulator_file))
     stored = {
         "schema": SCHEMA,
         "scales": asdict(scales),
         "config": settings.as_dict(),
-        "effects_file": effects_file,
-        "simulator_file": simulator_file,
+        "effects_file": effects,
+        "simulator_file": simulator,
         "fits": {"+".join(sorted(names)) or "base": _plain(f) for names, f in fits.items()},
     }
     write_json(path, stored)
@@ -95,7 +96,8 @@ def read_fits(path: Path) -> SavedFits:
         stored = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
             raise SavedFitsError(f"{path}: not fits of this version (schema {SCHEMA}); {AGAIN}")
-        effects, simulator = (None if stored[k] is None else str(stored[k]) for k in ("effects_file", "simulator_file"))
+        files = (stored[k] for k in ("effects_file", "simulator_file"))
+        effects, simulator = (None if file is None else str((path.parent / file).resolve()) for file in files)
         fits = {_set_of(k): _fit(f) for k, f in stored["fits"].items()}
         return SavedFits(
             Scales(**stored["scales"]),

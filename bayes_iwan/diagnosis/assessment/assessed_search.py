@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_iwan.arrays import brief
 from bayes_iwan.diagnosis.assessment.calibration import SetProbabilities, set_probabilities
 from bayes_iwan.diagnosis.assessment.indicators import Figures, figures_of, three_sets
 from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model, in_newtons, predicting
@@ -13,6 +12,7 @@ from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_size
 from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, held_out_gaps
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.search_result import Search, part
+from bayes_iwan.screen import on_screen
 from bayes_iwan.threads import alongside
 
 Names = frozenset[str]
@@ -60,6 +60,7 @@ class Models:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Weighed:
     """Everything behind a verdict but the calibration's constants.
 
@@ -74,8 +75,6 @@ class Weighed:
     models: Models
     held_out: tuple[HeldOut, ...]
     sets: SetProbabilities
-
-    __repr__ = brief
 
 
 def weighed(search: Search, seed: int) -> Weighed:

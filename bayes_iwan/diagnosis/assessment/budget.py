@@ -12,12 +12,13 @@ from itertools import combinations
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.constants import LEAST_MODEL_FORM, LEAST_OF_FRICTION
 from bayes_iwan.diagnosis.fits.gap_size import Gap, GapSize, Share, shrink
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.effects.catalogue import UNLISTED
+from bayes_iwan.screen import on_screen
 
 #: half width of a 90 % interval in standard deviations
 NINETY = 1.645
@@ -96,6 +97,7 @@ class Gaps:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Cause:
     """A named effect: how probable, which share of the gap it removes, and which effects are tied with it.
 
@@ -120,6 +122,7 @@ class Cause:
 
 
 @dataclass(frozen=True)
+@on_screen
 class OneOf:
     """Effects of which one probably contributes, though these tests cannot tell which, the likeliest first; share : of
     the gap that the best of them removes beside what else the best set has; along : of what changes along the records,
@@ -141,6 +144,7 @@ class Suspect:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Unexplained:
     """What is left beside the named causes.
 
@@ -158,10 +162,9 @@ class Unexplained:
     resembling: float
     subharmonic: float
 
-    __repr__ = brief
-
 
 @dataclass(frozen=True)
+@on_screen
 class GapBudget:
     """The gap as a sum: before = causes + unexplained, in RMS newtons; after : what is left with all causes in."""
 
@@ -170,10 +173,9 @@ class GapBudget:
     causes: tuple[Cause, ...]
     unexplained: Unexplained
 
-    __repr__ = brief
-
 
 @dataclass(frozen=True)
+@on_screen
 class Verdict:
     """The headline: its kind, the named causes (largest share first), and whether the unexplained part has a cause
     without a name.
@@ -193,8 +195,6 @@ class Verdict:
     corners_gap: float = 0.0
     one_of: tuple[OneOf, ...] = ()
     suspects: tuple[Suspect, ...] = ()
-
-    __repr__ = brief
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -20,11 +20,13 @@ from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, share_by_test
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
 from bayes_iwan.diagnosis.search.search_result import Search, alike_pairs, any_alike, score
 from bayes_iwan.effects.base import Effect
+from bayes_iwan.screen import on_screen
 
 Names = frozenset[str]
 
 
 @dataclass(frozen=True)
+@on_screen
 class Figures:
     """One effect of the best set.
 

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.diagnosis.constants import LINE_STANDS, TREND_FLOOR
 from bayes_iwan.diagnosis.fits.data_layout import Layout
@@ -24,6 +24,7 @@ from bayes_iwan.inference.setup.loop_error import friction_level_N, harmonics_of
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Motion
 from bayes_iwan.models.motion import motion_of
+from bayes_iwan.screen import on_screen
 
 MAINS_HZ = (50.0, 60.0)
 #: harmonics whose change along the record is looked at
@@ -40,6 +41,7 @@ LEAST_LEFT = 0.05
 
 
 @dataclass(frozen=True)
+@on_screen
 class GapData:
     """Data of the fitted tests (T of them).
 
@@ -66,8 +68,6 @@ class GapData:
     subharmonic: Array
     steady_motion: Motion
     block_motion: Motion
-
-    __repr__ = brief
 
     @property
     def tests(self) -> int:

@@ -21,9 +21,10 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.constants import LARGE_DISCREPANCY, SPECTRUM_SD
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
+from bayes_iwan.screen import on_screen
 
 #: lengths of the discrepancy's correlation in ln f and ln A, and the share each test has to itself
 Between = tuple[float, float, float]
@@ -49,6 +50,7 @@ ROUNDS = 3
 
 
 @dataclass(frozen=True)
+@on_screen
 class DiscrepancySize:
     """Sizes of the discrepancy: shares a and b (along the record), length ℓ in cycles, λ by harmonic (1 beyond the
     last), of the loops and of their changes along the record; between : how it is correlated between tests."""
@@ -59,8 +61,6 @@ class DiscrepancySize:
     spectrum: tuple[float, ...] = ()
     along_spectrum: tuple[float, ...] = ()
     between: Between = BETWEEN[0]
-
-    __repr__ = brief
 
     def factors(self, count: int) -> Array:
         """λ of the loops' first `count` harmonics, the mean's included."""
@@ -91,6 +91,7 @@ class _Table:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Discrepancy:
     """How noise and discrepancy add up in rows that are scaled by the noise: variance = 1 + a² S_order(ℓ) λ_order
     eigen.
@@ -208,6 +209,7 @@ class Stepped:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Linear:
     """Residual and Jacobian at an optimum in coordinates in which noise and discrepancy are both diagonal.
 
@@ -218,8 +220,6 @@ class Linear:
     jacobian: Array
     discrepancy: Discrepancy
     z: Array
-
-    __repr__ = brief
 
     def variance(self, size: DiscrepancySize) -> Array:
         """(m,) see :meth:`Discrepancy.variance`."""

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.constants import LARGEST_DISCREPANCY
 from bayes_iwan.diagnosis.fits.data import GapData, predicted
 from bayes_iwan.diagnosis.fits.discrepancy_size import (
@@ -38,6 +38,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettin
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 from bayes_iwan.models import Model, Simulator
 from bayes_iwan.models.parameter import Z_LIMIT
+from bayes_iwan.screen import on_screen
 
 #: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own discrepancy
 OTHER_WEIGHTS = 0.25
@@ -64,6 +65,7 @@ class FitError(InputError):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Fit:
     """One model refitted to the data.
 
@@ -84,8 +86,6 @@ class Fit:
     optima: Array
     linear: Linear
     converged: bool
-
-    __repr__ = brief
 
     @property
     def name(self) -> str:

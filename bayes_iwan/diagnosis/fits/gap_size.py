@@ -13,12 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.residuals import ALONG, COUNTED, LOOP, MAINS, MEAN, Residual
 from bayes_iwan.inference.setup.loop_error import beyond_noise_N2, friction_rms_N
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
+from bayes_iwan.screen import on_screen
 
 LEVEL = 0.9
 DRAWS = 400
@@ -34,6 +35,7 @@ class Share:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Gap:
     """RMS of what the model misses in N and as a share of the RMS friction force, with 90 % intervals.
 
@@ -49,8 +51,6 @@ class Gap:
     noise_N: float
     residual_N: float
 
-    __repr__ = brief
-
     @property
     def resolved_share(self) -> float:
         """The share where its interval leaves zero out, else 0: what can be said to be there."""
@@ -58,6 +58,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
+@on_screen
 class GapSize:
     """Gap of each test and of all together (RMS over tests).
 
@@ -84,8 +85,6 @@ class GapSize:
     along_high_N: tuple[Array, ...]
     power_N2: Array
     plausible: Array
-
-    __repr__ = brief
 
 
 def friction_rms_by_test_N(residual: Residual) -> Array:

@@ -14,6 +14,7 @@ from bayes_iwan.diagnosis.fits.evidence import Fit, beside
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.screen import on_screen
 from bayes_iwan.threads import alongside
 
 #: iterations of a refit that starts at the optimum of all tests
@@ -23,6 +24,7 @@ _BY = {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}
 
 
 @dataclass(frozen=True)
+@on_screen
 class HeldOut:
     """Squared gaps on tests that a fit has not seen.
 

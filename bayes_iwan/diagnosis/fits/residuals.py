@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.constants import TREND_FLOOR
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.diagnosis.fits.evidence import Fit
@@ -19,6 +19,7 @@ from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.effects.by_test import ByTest
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.spectrum import between_tests, discrepancy_spectrum
+from bayes_iwan.screen import on_screen
 
 #: kinds of numbers: harmonics of the averaged loop, its mean, contrasts between blocks of cycles, lines of the mains
 LOOP, MEAN, ALONG, MAINS = 0, 1, 2, 3
@@ -28,6 +29,7 @@ COUNTED = (LOOP, ALONG, MAINS)
 
 
 @dataclass(frozen=True)
+@on_screen
 class Residual:
     """Residuals of one model for the tests of `data` (T of them, M complex numbers each).
 
@@ -54,8 +56,6 @@ class Residual:
     contrast: NDArray[np.int64]
     problem: Problem
     refitted: bool
-
-    __repr__ = brief
 
     @cached_property
     def slope(self) -> np.ndarray:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.constants import ALIKE_NATS, EFFECT_NATS
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
@@ -13,6 +13,7 @@ from bayes_iwan.effects.catalogue import BUILT_IN, FORM
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.screen import on_screen
 
 #: causes in the base's form: every specimen differs a little from the family
 MODEL_FORM = frozenset(e.name for e in FORM)
@@ -21,6 +22,7 @@ LAST = frozenset(e.name for e in (*FORM, *(e for e in BUILT_IN if e.flexible)))
 
 
 @dataclass(frozen=True)
+@on_screen
 class Search:
     """All fits of one campaign.
 
@@ -38,8 +40,6 @@ class Search:
     scores: Mapping[frozenset[str], float]
     effects: Mapping[str, tuple[Effect, ...]]
     failed: Mapping[str, str] = field(default_factory=dict)
-
-    __repr__ = brief
 
     @property
     def base(self) -> Fit:

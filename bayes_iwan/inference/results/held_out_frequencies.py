@@ -20,6 +20,7 @@ from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.inference.solving.posterior_draws import first_draws
 from bayes_iwan.models.motion import motion_of
+from bayes_iwan.screen import on_screen
 
 #: share of a held-out frequency's points that 90 % bands must hold, or it is said that they do not hold there
 HELD = 0.75
@@ -28,6 +29,7 @@ _STARTS = 3  # of the whole's optima that the others' fit starts from
 
 
 @dataclass(frozen=True)
+@on_screen
 class HeldOutFrequency:
     """One frequency predicted from the others: what the central 50 and 90 % bands hold of its points, and what 90 %
     bands hold of its tests' energies and stiffnesses, as shares."""

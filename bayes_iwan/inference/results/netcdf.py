@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from bayes_iwan import former_names
 from bayes_iwan.arrays import Array
 from bayes_iwan.errors import InputError
-from bayes_iwan.files import write_whole
+from bayes_iwan.files import seen_from, write_whole
 from bayes_iwan.fitting.genetic import GlobalOptimum
 from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.results.predictions import replicated
@@ -142,14 +141,6 @@ def to_arviz(posterior: Posterior) -> Any:
     return az.InferenceData(**by_name, warn_on_custom_groups=False)
 
 
-def _relative(campaign: Path, folder: Path) -> str:
-    """The campaign as seen from the run's folder, so that both can move together; "" from another drive."""
-    try:
-        return Path(os.path.relpath(campaign.resolve(), folder.resolve())).as_posix()
-    except ValueError:
-        return ""
-
-
 def _attributes(posterior: Posterior, folder: Path) -> dict[str, object]:
     campaign, problem = posterior.campaign, posterior.problem
     plain = {name: getattr(posterior, name) for name in PLAIN} | {"converged": int(posterior.converged)}
@@ -163,10 +154,11 @@ def _attributes(posterior: Posterior, folder: Path) -> dict[str, object]:
         "fingerprint": problem.fingerprint(),
         "point": _plain_point(posterior.point),
     }
-    where = dict.fromkeys(("campaign_name", "campaign_path", "campaign_relative"), "")
+    if posterior.simulator_file:
+        plain["simulator_file"] = seen_from(folder, posterior.simulator_file)
+    where = {"campaign_name": "", "campaign_relative": ""}
     if campaign is not None:
-        relative = _relative(campaign.path, folder)
-        where = dict(zip(where, (campaign.name, str(campaign.path.resolve()), relative)))
+        where = {"campaign_name": campaign.name, "campaign_relative": seen_from(folder, campaign.path)}
     out: dict[str, object] = {"format": FORMAT, "stop": posterior.stop.name, **plain, **where}
     return out | {name: json.dumps(value, default=np.ndarray.tolist) for name, value in texts.items()}
 
@@ -199,8 +191,7 @@ class Stored:
 
     draws: dict[str, Array]
     log_prob: Array
-    campaign_path: str
-    campaign_relative: str
+    campaign: str  # as seen from the folder; of an older one, which names no such place, where it was
     loops: tuple[str, ...]
     scales: Scales
     fingerprint: dict[str, str]
@@ -222,8 +213,7 @@ def read_netcdf(path: Path) -> Stored:
     return Stored(
         draws={former_names.parameters_in(name): x for name, x in draws.items()},
         log_prob=log_prob,
-        campaign_path=str(stored["campaign_path"]),
-        campaign_relative=str(stored["campaign_relative"]),
+        campaign=str(stored["campaign_relative"] or stored.get("campaign_path", "")),
         loops=tuple(loops),
         scales=Scales(**json.loads(stored["scales"])),
         fingerprint=fingerprint,

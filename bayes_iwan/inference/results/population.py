@@ -16,7 +16,8 @@ import numpy as np
 from scipy import special, stats
 from scipy.interpolate import PchipInterpolator
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
+from bayes_iwan.screen import on_screen
 
 #: grid over μ and τ, and draws of each posterior
 GRID, DRAWS = 40, 160
@@ -30,6 +31,7 @@ OPEN = 0.8, 0.5
 
 
 @dataclass(frozen=True)
+@on_screen
 class SpecimenDraws:
     """Draws (n,) of one quantity of one specimen, and draws of the same quantity under the prior they came from."""
 
@@ -37,10 +39,9 @@ class SpecimenDraws:
     draws: Array
     prior: Array
 
-    __repr__ = brief
-
 
 @dataclass(frozen=True)
+@on_screen
 class Coordinate:
     """A monotone scale z of a quantity on which draws of its prior are standard normal; beyond these it is linear in
     the quantity (in its logarithm where it is positive).
@@ -84,6 +85,7 @@ def _linear(x: Array, from_: Array, to: Array) -> Array:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Population:
     """One quantity over specimens: median and 90 % interval of the typical value and of the spread.
 
@@ -110,8 +112,6 @@ class Population:
     mean: Array
     tau: Array
     from_others: Array
-
-    __repr__ = brief
 
     def fits(self) -> float:
         """p-value of the population model: do specimens lie where the others say (Kolmogorov–Smirnov on `pit`)?"""

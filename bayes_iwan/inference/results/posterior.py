@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, ParameterValues, wrapped
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency, held_out_frequencies
@@ -25,12 +24,14 @@ from bayes_iwan.models.motion import motion_of
 from bayes_iwan.models.simulator import FORCE_ZERO, Derived, straight_part
 from bayes_iwan.sampling.chains import Stop
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
+from bayes_iwan.screen import Listed, Named, as_html, on_screen, screen, table
 
 if TYPE_CHECKING:
     import pandas
 
 
 @dataclass(frozen=True)
+@on_screen
 class ConvergenceRow:
     """Diagnostics of one parameter; tau in steps of the sampler."""
 
@@ -44,23 +45,17 @@ class ConvergenceRow:
 class Summary(tuple["SummaryRow", ...]):
     """Rows of a summary, shown as a table."""
 
-    #: rows that fit a screen
-    MOST = 36
+    __slots__ = ()
 
     def __repr__(self) -> str:
-        wide = max((len(r.name) for r in self), default=0)
-        lines = [f"{'':{wide}s} {'median':>10s} {'5 %':>10s} {'95 %':>10s} {'R-hat':>7s}  unit"]
-        for r in self[: self.MOST]:
-            hat = "" if np.isnan(r.r_hat) else f"{r.r_hat:.3f}"
-            lines.append(f"{r.name:{wide}s} {r.q50:10.4g} {r.q05:10.4g} {r.q95:10.4g} {hat:>7s}  {r.unit}")
-        more = len(self) - self.MOST
-        return "\n".join([*lines, *([f"… and {more} more; all are in summary.csv"] if more > 0 else [])])
+        rows = [(r.name, r.q50, r.q05, r.q95, r.r_hat, r.unit) for r in self]
+        return table(("", "median", "5 %", "95 %", "R-hat", "unit"), rows, "summary.csv")
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
+    _repr_html_ = as_html
 
 
 @dataclass(frozen=True)
+@on_screen
 class SummaryRow:
     """One line of summary.csv.
 
@@ -82,6 +77,7 @@ class SummaryRow:
 
 
 @dataclass(frozen=True, repr=False)
+@on_screen
 class Posterior:
     """Draws of a problem's coordinates from independent ensembles.
 
@@ -145,14 +141,8 @@ class Posterior:
     stretch: float = 1.0
 
     def __repr__(self) -> str:
-        return "\n".join(
-            (wrapped(self._title()), *(f"  {row}" for row in self._shown()), *map(wrapped, self.warnings()))
-        )
-
-    def _repr_html_(self) -> str:
-        cells = "".join(f"<tr><td><pre>{escape(row)}</pre></td></tr>" for row in self._shown())
-        said = "".join(f"<p><b>{escape(text)}</b></p>" for text in self.warnings())
-        return f"<p>{escape(self._title())}</p><table>{cells}</table>{said}"
+        *rows, gap = self._shown()
+        return screen((self._title(),), [f"  {row}" for row in rows], (f"  {gap}", *self.warnings()), ".summary()")
 
     @property
     def name(self) -> str:
@@ -182,7 +172,7 @@ class Posterior:
     @property
     def names(self) -> tuple[str, ...]:
         """Sampled parameters, in z's order."""
-        return self.problem.names
+        return Listed(self.problem.names)
 
     @property
     def ndim(self) -> int:
@@ -203,18 +193,17 @@ class Posterior:
 
     def values(self) -> dict[str, Array]:
         """Every parameter's value by name, (n,), fixed and tied ones included."""
-        return self.problem.prior.values(self.flat_z())
+        return Named(self.problem.prior.values(self.flat_z()))
 
     def parameter_values(self) -> ParameterValues:
         """The values that the simulator reads, by name, (n,) each."""
-        return self.problem.parameter_values(self.flat_z())
+        return Named(self.problem.parameter_values(self.flat_z()))
 
     def derived(self) -> dict[str, Derived]:
         """What follows from the sampled parameters without a prediction: the paper's (Table 1) for the Iwan model."""
         text = self.problem.units.text
-        return {
-            n: Derived(text(q.unit), q.values) for n, q in self.problem.model.derived(self.parameter_values()).items()
-        }
+        found = self.problem.model.derived(self.parameter_values())
+        return Named({n: Derived(text(q.unit), q.values) for n, q in found.items()})
 
     def quantities(self) -> dict[str, Derived]:
         """Every reported quantity with its unit and values (n,), in the order of flat_z()."""
@@ -222,17 +211,17 @@ class Posterior:
 
     @cached_property
     def _quantities(self) -> dict[str, Derived]:
-        return quantities(self.problem, self.flat_z(), self.loops)
+        return Named(quantities(self.problem, self.flat_z(), self.loops))
 
     @cached_property
     def extrapolated(self) -> dict[str, str]:
         """Why a quantity is extrapolated, by name, for those that the loops do not reach."""
-        return extrapolated(self.problem, self.point.z)
+        return Named(extrapolated(self.problem, self.point.z))
 
     @cached_property
     def held_out(self) -> tuple[HeldOutFrequency, ...]:
         """Each frequency of the fitted tests predicted from all others, and what the bands hold; none for one only."""
-        return held_out_frequencies(self.problem, self.point.optima)
+        return Listed(held_out_frequencies(self.problem, self.point.optima))
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """The central interval (low, high) of a quantity named as in :meth:`summary`, in its unit: quantiles of its
@@ -284,7 +273,7 @@ class Posterior:
 
     def warnings(self) -> tuple[str, ...]:
         """What a reader of the intervals must know, one sentence each."""
-        return remarks(self)
+        return Listed(remarks(self))
 
     def predict(
         self, frequency_hz: float | Array | None, amplitude_mm: float | Array, n: int = 400, samples: int = 128

@@ -15,6 +15,7 @@ from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.loop_error import beyond_noise_N2, friction_rms_N, harmonics_of
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models.motion import sine_motion
+from bayes_iwan.screen import on_screen, screen
 
 #: an amplitude or peak speed within this factor of the tested ones is tested, and a frequency, which the model knows by
 #: the speed alone, within FREQUENCY_MARGIN; beyond REFUSED times what was tested nothing is predicted
@@ -30,6 +31,7 @@ class PredictionError(InputError):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Prediction:
     """Loops that were predicted, with what the posterior knows of them.
 
@@ -55,11 +57,12 @@ class Prediction:
         at = (
             ["" for _ in self.amplitude_mm] if self.frequency_hz is None else [f"{f:g} Hz, " for f in self.frequency_hz]
         )
-        return "\n".join(
+        rows = [
             f"{at[i]}{a:g} {self.units.displacement}: ±{0.5 * np.mean(high[i] - low[i]):.3g} {self.units.force} "
             f"(90 %, mean along the loop){'; extrapolated: ' + self.extrapolated[i] if self.extrapolated[i] else ''}"
             for i, a in enumerate(self.amplitude_mm)
-        )
+        ]
+        return screen(rows, (), where=".band()")
 
 
 def predicted_at(
@@ -131,6 +134,7 @@ def _beyond(problem: Problem, frequency_hz: float, amplitude_mm: float) -> str:
 
 
 @dataclass(frozen=True)
+@on_screen
 class ResidualSize:
     """rms_N : RMS residual of the median prediction over the fitted tests; share : the same over the RMS friction force
     of all tests (:func:`bayes_iwan.inference.setup.loop_error.friction_rms_N`). gap_N, gap_share : the same beyond

@@ -101,9 +101,8 @@ def load(
     """The posterior that :func:`bayes_iwan.identify` wrote, equal to it; arguments and errors as of
     :func:`bayes_iwan.load`.
 
-    The campaign is read again from where it was; if it is gone from there, from where it lies as seen from the run's
-    folder, so both can be moved together. Where a simulator of one's own was identified, name it: what a result
-    names is data, and is never run.
+    The campaign is read again from where it lies as seen from the run's folder, so both can be moved together. Where a
+    simulator of one's own was identified, name it: what a result names is data, and is never run.
     """
     path = Path(folder) / "posterior.nc"
     if not path.is_file():
@@ -114,10 +113,12 @@ def load(
         raise
     except Exception as error:  # whatever HDF5 and its readers make of damaged bytes, and a hostile file of its numbers
         raise ResultsError(f"{path}: damaged ({_line(error)}); identify again") from None
-    where = campaign or _campaign_of(Path(folder), stored)
-    if not where:
+    if not campaign and not stored.campaign:
         raise ResultsError(f"{path}: its loops came from no campaign folder, so it cannot be loaded without them")
-    file = stored.run["simulator_file"]
+    where = Path(campaign or Path(os.path.normpath(Path(folder).resolve() / stored.campaign)))
+    if not where.exists():
+        raise ResultsError(f"{path}: its campaign is not in {where}; name the campaign's folder (--campaign DIR)")
+    file = stored.run["simulator_file"] and str((Path(folder) / stored.run["simulator_file"]).resolve())
     if file and simulator is None:
         raise ResultsError(
             f"{path}: was made with the simulator in {file}, a Python file that is not run unasked; name it "
@@ -136,14 +137,6 @@ def load(
     z = np.stack([stored.draws[name] for name in problem.names], axis=2)
     run = stored.run | {"simulator_file": file}
     return Posterior(problem, source, loops, z, stored.log_prob, **run)
-
-
-def _campaign_of(folder: Path, stored: Stored) -> str | Path:
-    """Where the campaign is: where the run left it, else where it lies as seen from the run's folder."""
-    moved = (folder / stored.campaign_relative).resolve()
-    if stored.campaign_relative and not Path(stored.campaign_path).is_dir() and moved.is_dir():
-        return moved
-    return stored.campaign_path
 
 
 def _line(error: Exception) -> str:

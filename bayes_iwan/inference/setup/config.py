@@ -234,5 +234,4 @@ def _known(table: Mapping[str, object], known: Collection[str], where: str, what
         if key not in known:
             if said := former_names.renamed(key, former_names.MODEL_PARTS):
                 raise ConfigError(f"{where}: {_shown(key)} {said}")
-            fix = nearest(key, known, f"; use {', '.join(sorted(known))}")
-            raise ConfigError(f"{where}: unknown {what} {_shown(key)}{fix}")
+            raise ConfigError(f"{where}: unknown {what} {_shown(key)}{nearest(key, sorted(known))}")

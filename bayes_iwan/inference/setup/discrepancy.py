@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, stats
 
-from bayes_iwan.arrays import Array, ParameterValues, brief
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.setup.loop_error import friction_level_N, paper_weights
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.inference.setup.priors import Parameter
 from bayes_iwan.inference.setup.spectrum import MATERN, Spectrum, between_tests, shared_between
+from bayes_iwan.screen import on_screen
 from bayes_iwan.threads import over_draws
 
 #: error of the model's own arithmetic (samples a cycle, tables) as a share of the friction force, per harmonic
@@ -48,6 +49,7 @@ NOISE_SCALE = Parameter(
 
 
 @dataclass(frozen=True)
+@on_screen
 class Correlated:
     """Errors correlated along the loop and between tests: a smooth discrepancy of unknown shape, marginalised, plus
     noise.
@@ -77,8 +79,6 @@ class Correlated:
     between: tuple[float, float, float] = BETWEEN
     #: how the discrepancy's variance is spread over the harmonics
     spectrum: Spectrum = MATERN
-
-    __repr__ = brief
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

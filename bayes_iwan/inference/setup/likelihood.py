@@ -17,6 +17,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
+from bayes_iwan.errors import nearest
 from bayes_iwan.inference.setup.config import ConfigError
 from bayes_iwan.inference.setup.discrepancy import MEASURED_BETWEEN, Correlated
 from bayes_iwan.inference.setup.loop_error import paper_weights
@@ -166,4 +167,4 @@ def make_likelihood(kind: str, loops: Sequence[Loop], scales: Scales) -> Likelih
         return Correlated(tuple(loops))
     if kind in KINDS:
         return Independent(tuple(loops), scales, kind)
-    raise ConfigError(f"likelihood.kind = {kind!r} is not known; choose one of {', '.join(KINDS)}")
+    raise ConfigError(f"likelihood.kind = {kind!r} is not known{nearest(kind, KINDS)}")

@@ -14,19 +14,19 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan import former_names
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.errors import nearest
 from bayes_iwan.inference.setup.settings import ParameterChange, PriorChoice
 from bayes_iwan.models.parameter import Z_LIMIT, Distribution, Parameter, ParameterError, Together
+from bayes_iwan.screen import Listed, on_screen
 
 
 @dataclass(frozen=True)
+@on_screen
 class Prior:
     """The joint prior: independent over the parameters, standard normal over the free coordinates z (draws, free)."""
 
     parameters: tuple[Parameter, ...]
-
-    __repr__ = brief
 
     def __post_init__(self) -> None:
         names = [p.name for p in self.parameters]
@@ -35,8 +35,7 @@ class Prior:
         for p in self.parameters:
             if p.tied is not None and (p.tied not in names or not self[p.tied].free):
                 raise ParameterError(
-                    f"{p.name} is tied to {p.tied!r}, which is not a free parameter; "
-                    f"choose one of {', '.join(self.names)}"
+                    f"{p.name} is tied to {p.tied!r}, which is not a free parameter{nearest(p.tied, self.names)}"
                 )
 
     def __getitem__(self, name: str) -> Parameter:
@@ -44,12 +43,12 @@ class Prior:
 
     @cached_property
     def free(self) -> tuple[Parameter, ...]:
-        return tuple(p for p in self.parameters if p.free)
+        return Listed(p for p in self.parameters if p.free)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the free parameters, in the order of z's columns."""
-        return tuple(p.name for p in self.free)
+        return Listed(p.name for p in self.free)
 
     @cached_property
     def _together(self) -> Together:
@@ -89,9 +88,7 @@ def configured(parameters: Sequence[Parameter], changes: Mapping[str, ParameterC
         if name not in by_name:
             if said := former_names.renamed(name, former_names.PARAMETERS):
                 raise ParameterError(f"[parameters.{name}]: {name} {said}")
-            raise ParameterError(
-                f"[parameters.{name}]: no such parameter{nearest(name, by_name, ';')} there are {', '.join(by_name)}"
-            )
+            raise ParameterError(f"[parameters.{name}]: no such parameter{nearest(name, by_name)}")
         new = by_name[name]
         if change.prior is not None:
             new = replace(new, prior=_frozen(name, change.prior), lower=-np.inf, upper=np.inf)
@@ -116,10 +113,18 @@ def configured(parameters: Sequence[Parameter], changes: Mapping[str, ParameterC
 def _frozen(name: str, choice: PriorChoice) -> Distribution:
     dist = getattr(stats, choice.dist, None)
     if not isinstance(dist, stats.rv_continuous):
+        known = [n for n in dir(stats) if isinstance(getattr(stats, n), stats.rv_continuous)]
+        example = ', e.g. prior = {dist = "lognorm", s = 0.5, scale = 5.0}'
         raise ParameterError(
-            f"[parameters.{name}] prior: `dist` must name a continuous scipy.stats distribution, "
-            f'e.g. prior = {{dist = "lognorm", s = 0.5, scale = 5.0}}'
+            f"[parameters.{name}] prior: {choice.dist!r} is no continuous distribution of scipy.stats"
+            + nearest(choice.dist, known, example)
         )
+    takes = [*(x.strip() for x in (dist.shapes or "").split(",") if x.strip()), "loc", "scale"]
+    for argument in choice.arguments:
+        if argument not in takes:
+            raise ParameterError(
+                f"[parameters.{name}] prior {choice.dist}: it takes no {argument!r}{nearest(argument, takes)}"
+            )
     try:
         frozen = dist(**choice.arguments)
         if not np.isfinite(frozen.ppf(0.5)):

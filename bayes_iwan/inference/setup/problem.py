@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, ParameterValues, brief
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.loops.averaging import fitted_loops
 from bayes_iwan.campaign.recording.units import Units
@@ -23,9 +23,11 @@ from bayes_iwan.inference.setup.settings import ModelSettings
 from bayes_iwan.models import Model, ModelError, Motion, Scales, Simulator
 from bayes_iwan.models.motion import motion_of
 from bayes_iwan.models.simulator import FORCE_ZERO, OUTER, force_zero, inner_effects, offered, recorded_force
+from bayes_iwan.screen import Named, on_screen
 
 
 @dataclass(frozen=True)
+@on_screen
 class Problem:
     """Everything that a posterior depends on; made by :func:`make_problem`.
 
@@ -75,8 +77,6 @@ class Problem:
     prior: Prior
     likelihood: Likelihood
     effects: tuple[Effect, ...] = ()
-
-    __repr__ = brief
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -206,13 +206,15 @@ class Problem:
             for array in (loop.displacement_mm, loop.velocity_m_s, loop.force_N, loop.noise_N):
                 data.update(np.ascontiguousarray(array).tobytes())
         effects = "+".join(e.name for e in self.effects)
-        return {
-            "data": data.hexdigest(),
-            "model": f"{self.model.name}/{effects}",
-            "likelihood": self.likelihood.name,
-            "prior": "; ".join(f"{p.name} ~ {p.prior_text()}" for p in self.prior.parameters),
-            "names": ",".join(self.names),
-        }
+        return Named(
+            {
+                "data": data.hexdigest(),
+                "model": f"{self.model.name}/{effects}",
+                "likelihood": self.likelihood.name,
+                "prior": "; ".join(f"{p.name} ~ {p.prior_text()}" for p in self.prior.parameters),
+                "names": ",".join(self.names),
+            }
+        )
 
 
 def make_problem(

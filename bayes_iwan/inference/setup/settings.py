@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
-from bayes_iwan.arrays import brief
+from bayes_iwan.screen import Named, on_screen
 
 
 @dataclass(frozen=True)
@@ -89,6 +89,7 @@ class SearchSettings:
 
 
 @dataclass(frozen=True)
+@on_screen
 class SamplingSettings:
     """How the posterior is sampled, and when it has converged.
 
@@ -118,8 +119,6 @@ class SamplingSettings:
     taus: float = 10.0
     draws: int = 4096
     between_tests: bool = True
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -162,6 +161,7 @@ class ParameterChange:
 
 
 @dataclass(frozen=True)
+@on_screen
 class IdentifySettings:
     """Everything that :func:`bayes_iwan.identify` takes from a configuration file; :func:`bayes_iwan.settings_of` makes
     it of tables and checks it.
@@ -193,16 +193,14 @@ class IdentifySettings:
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     parameters: Mapping[str, ParameterChange] = field(default_factory=dict)
 
-    __repr__ = brief
-
     def as_dict(self) -> dict[str, Any]:
         """Tables as a configuration file has them."""
         out = {f.name: asdict(getattr(self, f.name)) for f in fields(self) if f.name != "parameters"}
-        out["parameters"] = {name: _table(change) for name, change in self.parameters.items()}
-        return out
+        return Named(out | {"parameters": {name: _table(change) for name, change in self.parameters.items()}})
 
 
 @dataclass(frozen=True)
+@on_screen
 class DiagnoseSettings:
     """Everything that :func:`bayes_iwan.diagnose` takes from a configuration file: the base model and its priors.
 
@@ -231,13 +229,11 @@ class DiagnoseSettings:
     model: ModelSettings = field(default_factory=ModelSettings)
     parameters: Mapping[str, ParameterChange] = field(default_factory=dict)
 
-    __repr__ = brief
-
     def as_dict(self) -> dict[str, Any]:
         """Tables as a configuration file has them; of the model what differs from the paper's."""
         paper = asdict(ModelSettings())
         model = {k: v for k, v in asdict(self.model).items() if v != paper[k] and k != "embedded"}
-        return {"model": model, "parameters": {n: _table(c) for n, c in self.parameters.items()}}
+        return Named({"model": model, "parameters": {n: _table(c) for n, c in self.parameters.items()}})
 
 
 def _table(change: ParameterChange) -> dict[str, object]:

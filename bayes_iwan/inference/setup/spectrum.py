@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, ParameterValues, brief
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.setup.priors import Parameter
+from bayes_iwan.screen import on_screen
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Spectrum:
 
 
 @dataclass(frozen=True)
+@on_screen
 class Matern(Spectrum):
     """(1 + (2πhℓ)²)⁻² of a periodic Matérn process; odd and even harmonics alike."""
 
@@ -53,6 +55,7 @@ class Matern(Spectrum):
 
 
 @dataclass(frozen=True)
+@on_screen
 class OddEven(Spectrum):
     """h^−p, p = discrepancy_slope, with a share of its own for odd and for even harmonics (the mean is even).
 
@@ -84,8 +87,6 @@ class OddEven(Spectrum):
             6.0,
         ),
     )
-
-    __repr__ = brief
 
     def variance(self, parameter_values: ParameterValues, count: int) -> Array:
         order = np.maximum(np.arange(count), 1)

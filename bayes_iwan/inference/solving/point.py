@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.errors import InputError
 from bayes_iwan.fitting.descent import Descent, descend
 from bayes_iwan.fitting.genetic import BatchObjective, GlobalOptimum, genetic_search
@@ -23,6 +23,7 @@ from bayes_iwan.inference.setup.priors import Z_LIMIT
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import SearchSettings
 from bayes_iwan.models.embedded_error import NAMES as EMBEDDED
+from bayes_iwan.screen import on_screen
 
 _DEPTH = 12.0  # nats
 #: steps of least squares from a start, and nats to which an optimum is sought
@@ -32,6 +33,7 @@ _GOAL_NOISE = 1e-3
 
 
 @dataclass(frozen=True)
+@on_screen
 class Point:
     """What was found. z arrays are coordinates of the problem; where Eq. (8) ignores a parameter, its z is 0.
 
@@ -55,8 +57,6 @@ class Point:
     seconds: float
     each_z: Array
     each_log_prob: Array
-
-    __repr__ = brief
 
     @property
     def short_nats(self) -> float:

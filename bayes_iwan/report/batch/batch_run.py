@@ -138,7 +138,8 @@ def batch(
         job = Job(source, there / "specimens", identify, diagnose, quick, seed, settings, keep_chains)
         pieces = {name: name for name in names}
         done = executors.run(pieces, _one, job, workers=workers, what="batch", unit="specimen", progress=progress)
-        failures = {n: str(x) for n, x in done.items() if isinstance(x, executors.Failure)}
+        failed = {n: str(x) for n, x in done.items() if isinstance(x, executors.Failure)}
+        failures = {n: reason.replace(f"{source}{os.sep}", "") for n, reason in failed.items()}  # for others to read
         finished = tuple(_read(job, n) for n in names if n not in failures)
         result = summarised(finished, failures, seed, group or "", lots)
         _write(result, there)

@@ -35,7 +35,7 @@ def sheet_figure(batch: Batch) -> Figure:
     figure = Figure(figsize=A4, layout=None)
     figure.text(0.08, 0.955, f"{len(batch.finished) + len(batch.failures)} specimens", size="xx-large", weight="bold")
     head = f"{len(batch.finished)} finished, {len(batch.failures)} failed · {date.today()} · bayes-iwan {__version__}"
-    figure.text(0.08, 0.935, head, color="#777777")
+    figure.text(0.08, 0.935, head)
     said = "\n".join(fill(x, 100) for x in _said(batch))
     figure.text(0.08, 0.90, said, va="top", linespacing=1.5)
     top = 0.87 - LINE * (said.count("\n") + 1)

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.shrinkage import Shrunk, shrunk
 from bayes_iwan.comparison.unusual import Unusual, rank_unusual
-from bayes_iwan.errors import InputError
+from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.inference.results.population import Population, SpecimenDraws, population
 from bayes_iwan.report.page import Cell, Table
+from bayes_iwan.screen import Listed, Named, on_screen, screen
 
 #: of the draws, as columns call them
 _QUANTILES = ("q05", "q50", "q95")
@@ -25,6 +26,7 @@ class BatchError(InputError):
 
 
 @dataclass(frozen=True)
+@on_screen
 class Quantity:
     """One identifiable quantity of one specimen: its unit, median and 90 % interval, and draws (with the prior's)."""
 
@@ -36,10 +38,9 @@ class Quantity:
     draws: Array
     prior: Array
 
-    __repr__ = brief
-
 
 @dataclass(frozen=True)
+@on_screen
 class Finished:
     """One specimen that was finished: what was identified (if asked for) and the cause found (if asked for).
 
@@ -58,10 +59,9 @@ class Finished:
     shrink: float | None
     residual_share: float | None = None
 
-    __repr__ = brief
-
 
 @dataclass(frozen=True)
+@on_screen
 class LotDifference:
     """One quantity of lot a against lot b: the typical value's ratio a/b where it is positive (`relative`), else the
     difference a − b; median and 90 % interval, and the probability that a's is larger."""
@@ -77,6 +77,7 @@ class LotDifference:
 
 
 @dataclass(frozen=True, repr=False)
+@on_screen
 class Batch:
     """All specimens.
 
@@ -96,13 +97,15 @@ class Batch:
     shrunk: Mapping[str, Mapping[str, Shrunk]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        lines = [f"{len(self.finished)} specimens finished, {len(self.failures)} failed"]
-        lines += [f"  failed: {n}: {reason[:80]}" for n, reason in list(self.failures.items())[:5]]
-        for name, p in list(self.populations.items())[:12]:
-            lines.append(f"  {name:28s} {p.typical[0]:.4g} ({p.typical[1]:.4g} to {p.typical[2]:.4g})")
-        odd = [x for x in self.unusual if x.notable][:8]
-        lines += [f"  unusual: {x.name} (distance {x.distance:.1f}) in {', '.join(x.notable[:4])}" for x in odd]
-        return "\n".join(lines)
+        head = [f"{len(self.finished)} specimens finished, {len(self.failures)} failed"]
+        head += [f"  failed: {n}: {reason[:80]}" for n, reason in list(self.failures.items())[:5]]
+        odd = [x for x in self.unusual if x.notable][:5]
+        tail = [f"  unusual: {x.name} (distance {x.distance:.1f}) in {', '.join(x.notable[:4])}" for x in odd]
+        rows = [
+            f"  {name:28s} {p.typical[0]:.4g} ({p.typical[1]:.4g} to {p.typical[2]:.4g})"
+            for name, p in self.populations.items()
+        ]
+        return screen(head, rows, tail, ".populations")
 
     def label(self, quantity: str) -> str:
         """A quantity as figures and tables name it."""
@@ -122,7 +125,7 @@ class Batch:
 
     def outliers(self) -> dict[str, tuple[str, ...]]:
         """Quantities in which a specimen stands out from the others, by specimen, the most unusual first."""
-        return {x.name: x.notable for x in self.unusual if x.notable}
+        return Named({x.name: x.notable for x in self.unusual if x.notable})
 
     def differences(self) -> tuple[LotDifference, ...]:
         """Every pair of lots with a population of their own, quantity by quantity."""
@@ -135,7 +138,7 @@ class Batch:
                 x, y = of_a[q].typical_draws, np.roll(of_b[q].typical_draws, 1)
                 low, middle, high = (float(v) for v in np.quantile(x / y if relative else x - y, [0.05, 0.5, 0.95]))
                 out.append(LotDifference(q, a, b, relative, middle, low, high, larger=float(np.mean(x > y))))
-        return tuple(out)
+        return Listed(out)
 
     def table(self) -> Table:
         """One row a specimen, failed ones included."""
@@ -181,8 +184,8 @@ def lots_of(folder: Path, group: str) -> dict[str, str]:
     rows = list(csv.DictReader(io.StringIO(text), delimiter=";" if ";" in head else ","))
     for name in ("specimen", group):
         if not rows or name not in rows[0]:
-            known = ", ".join(rows[0]) if rows else "no rows"
-            raise BatchError(f'{path}: has no column "{name}" (it has {known}); add it, or name another with --group')
+            known = nearest(name, rows[0]) if rows else "; it has no rows"
+            raise BatchError(f'{path}: has no column "{name}"{known}. Add it, or name another with --group')
     return {str(row["specimen"]).strip(): str(row[group] or "").strip() for row in rows}
 
 

@@ -14,7 +14,20 @@ from bayes_iwan.diagnosis.answer.wording import title
 from bayes_iwan.diagnosis.assessment.budget import GapBudget, OneOf
 from bayes_iwan.diagnosis.constants import PROBABLE
 from bayes_iwan.report.diagnosis.gap_figures import panel_a_test
-from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, blank, narrow, one_panel, styled
+from bayes_iwan.report.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PRIOR,
+    RED,
+    SKY,
+    blank,
+    letters_on,
+    narrow,
+    one_panel,
+    styled,
+)
 
 
 def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> None:
@@ -37,14 +50,14 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
         rows.append(("noise", 0.0, budget.before.noise_N / before, PRIOR, None))
     y = np.arange(len(rows))[::-1]
     for i, (k, (_, left, width, colour, interval)) in enumerate(zip(y, rows)):
-        (bar,) = ax.barh(k, min(width, 1.15), 0.62, left=left, color=colour, alpha=0.88)
+        (bar,) = ax.barh(k, min(width, 1.15), 0.62, left=left, color=colour)
         if i in hatched:
             bar.set(hatch="///", edgecolor="white", linewidth=0.0)
         text = f"{100 * width:.0f} %" + (f"  ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})" if interval else "")
         text += ", longer than shown" if width > 1.15 else ""
         end = min(max(left + width, left), 1.15)
         if width >= 0.4 and i not in hatched:  # space inside the bar
-            at, side, shift, colour = left, "left", 3, "black" if colour == ORANGE else "white"
+            at, side, shift, colour = left, "left", 3, letters_on(colour)
         elif end > 0.62:
             at, side, shift, colour = left, "right", -3, "black"
         else:

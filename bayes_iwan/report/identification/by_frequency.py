@@ -13,7 +13,7 @@ from bayes_iwan.report.identification.loops import some_tests, test_name
 from bayes_iwan.report.identification.marginals import interval, number, symbol_of, with_unit
 from bayes_iwan.report.identification.tables import spread
 from bayes_iwan.report.page import Cell, Table
-from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, narrow, panels, styled
+from bayes_iwan.report.style import BLACK, MODEL, RED, narrow, panels, styled
 
 
 def _draws(posterior: Posterior, name: str) -> Array:
@@ -65,7 +65,7 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         above = "\n" if narrow() else ""  # two titles do not go beside each other there
         ax.set_title(_label(frequencies, check) + above, loc="left")
         said = ("✗ " if bad else "") + (f"p {p}" if p[0] == "<" else f"p = {p}")
-        ax.set_title(said, loc="right", size="small", color=RED if bad else GREEN)
+        ax.set_title(said, loc="right", size="small", weight="bold" if bad else "normal")
         ax.set_xticks(places, [f"{f:.3g}" for f in hz], rotation=45 if many else 0)
         ax.set_xlim(-0.5, len(hz) - 0.5)
         ax.grid(axis="x", visible=False)

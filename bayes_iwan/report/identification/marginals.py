@@ -87,7 +87,7 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
         text = "{} [{}, {}] {}".format(*reported(posterior, p.name), p.unit if p.unit != "-" else "")
         side.text(0.0, i, text, va="center", size="small")
         if not small:
-            side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", size="small", color=color)
+            side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", size="small")
     head = "value [90 % interval]" if small else "value [90 % interval], as reported"
     side.text(0.0, -1.0, head, va="center", size="small", weight="bold")
     if not small:

@@ -8,6 +8,7 @@ import unicodedata
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from encodings.aliases import aliases
 from functools import lru_cache
 
 from bayes_iwan.campaign.importing.clock_words import STARTS, STEPS
@@ -17,6 +18,7 @@ from bayes_iwan.campaign.importing.names import WORDS, named
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, NoSignals
 from bayes_iwan.campaign.importing.unit_texts import is_unit, is_volts, role_of
 from bayes_iwan.campaign.recording.records import CampaignError
+from bayes_iwan.errors import nearest
 
 MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
 MISSING += ["#N/A", "#DIV/0!", "#VALUE!", "#NUM!", "#REF!", "#NAME?"]  # Excel's
@@ -69,7 +71,7 @@ class Layout:
             raise CampaignError(f"decimal must be . or , not {self.decimal!r}")
         if self.separator is not None and self.separator not in SEPARATORS and len(self.separator) != 1:
             raise CampaignError(
-                f"separator must be one character, tab, comma, semicolon or blank, not {self.separator!r}"
+                f"the separator {self.separator!r} is no single character{nearest(self.separator, NAMED)}"
             )
 
 
@@ -134,7 +136,8 @@ def decoded(file: str, raw: bytes, encoding: str | None) -> tuple[str, str]:
     try:
         text = raw.decode(found, "strict" if encoding else "replace")  # a damaged remark harms no number
     except LookupError:
-        raise CampaignError(f"{file}: encoding {encoding!r} is not known; utf-8, cp1252 and utf-16 are") from None
+        known = nearest(encoding, set(aliases.values()), "; utf-8, cp1252 and utf-16 are")
+        raise CampaignError(f"{file}: encoding {encoding!r} is not known{known}") from None
     except UnicodeError:
         raise CampaignError(f"{file}: not written in {encoding}; leave --encoding out, or name the right one") from None
     text = re.sub(r"−(?=[\d.,])", "-", text.removeprefix("\ufeff"))  # a typographer's minus
