@@ -133,6 +133,18 @@ def test_a_date_beside_times_of_day_may_change_late_or_early(signal, time, date,
     same(back(write), rate, x, f, time_digits=5)
 
 
+@pytest.mark.parametrize("hours", [1, 5, 24, 25, 49])
+@pytest.mark.parametrize("beside", [";", " "])
+def test_a_slow_logger_s_dates_are_followed(tmp_path, hours, beside):
+    p = 2 * np.pi * np.arange(400) / 40
+    start = datetime.datetime(2024, 2, 20, 10)
+    times = [(start + k * datetime.timedelta(hours=hours)).strftime(f"%Y-%m-%d{beside}%H:%M:%S") for k in range(400)]
+    rows = "".join(f"{t};{a:.6f};{b:.6f}\n" for t, a, b in zip(times, np.sin(p), np.sin(p + 0.4)))
+    (tmp_path / "a.csv").write_text(f"{'Datum;Zeit' if beside == ';' else 'Zeit'};Weg (mm);Kraft (N)\n{rows}")
+    (found,) = import_tests([tmp_path / "a.csv"])
+    np.testing.assert_allclose(np.diff(found.columns["time_s"]), 3600.0 * hours)
+
+
 @form
 @given(signals(), st.sampled_from(["%H:%M:%S.%f", "%Y-%m-%d %H:%M:%S.%f", "date beside"]), st.integers(0, 12))
 def test_each_channel_with_stamps_of_its_own(signal, kind, late):

@@ -14,7 +14,7 @@ from bayes_iwan.campaign.loops.averaging import average
 from bayes_iwan.campaign.loops.checks import check_record
 from bayes_iwan.campaign.timing.displacement_drift import straight_drift, without_drift
 from bayes_iwan.campaign.timing.drive import split_levels
-from bayes_iwan.campaign.timing.period import short_period
+from bayes_iwan.campaign.timing.period import short_period, whole_period
 
 TAU = 2 * np.pi
 RATE, BASE = 500.0, 2.0
@@ -313,3 +313,12 @@ def test_a_multisine_of_high_harmonics_is_right_or_refused(harmonics, fine):
 def test_a_cycle_as_long_as_its_record_has_no_period_and_no_traceback():
     time = np.arange(64) / 64
     assert short_period(time, np.sin(TAU * time), np.array([0.0, 0.97]), np.empty(0)) is None
+
+
+@pytest.mark.parametrize("late", [1e9, 1e300])
+def test_one_time_that_is_far_too_late_costs_no_more_than_its_cycle(late):
+    """Found by fuzz.py (seed 17, import json 504): a traceback, or all memory."""
+    t = np.arange(400) / 200.0
+    t[-1] = late
+    u = np.sin(2 * np.pi * 5.0 * np.arange(400) / 200.0)
+    assert whole_period(t, u, t[:-1:40]) is None

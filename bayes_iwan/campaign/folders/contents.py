@@ -7,6 +7,8 @@ from bayes_iwan.files import RECORD
 
 #: what a folder of recordings may hold besides
 OTHER_FILES = (".toml", ".md", ".html", ".tdms_index", ".png")
+#: what a folder of recordings has at least one of, to be known for one
+RECORDED = set(".csv .txt .dat .tsv .asc .tdms .lvm .uff .unv .mat .h5 .xlsx .wav .parquet .json .gz".split())
 MOST_NAMED = 6  # folders in a message
 
 
@@ -24,9 +26,11 @@ def recordings_in(name: str) -> list[Path]:
 def folders_said(path: Path) -> str:
     """One line on a folder whose folders are campaigns, or else hold recordings, with the commands for one of them and
     for all; "" for any other."""
-    below = [p for p in sorted(path.iterdir()) if p.is_dir() and p.name[0] not in "._"] if path.is_dir() else []
+    if not path.is_dir() or (path / RECORD).is_file():
+        return ""
+    below = [p for p in sorted(path.iterdir()) if p.is_dir() and not (p / RECORD).is_file()]
     campaigns = [p for p in below if (p / "campaign.toml").is_file()]
-    some = campaigns or [p for p in below if not (p / RECORD).is_file() and recordings_in(str(p))]
+    some = campaigns or [p for p in below if any(x.suffix.lower() in RECORDED for x in recordings_in(str(p)))]
     if not some:
         return ""
     names = ", ".join(p.name for p in some[:MOST_NAMED]) + (f" ... ({len(some)})" if len(some) > MOST_NAMED else "")

@@ -22,6 +22,8 @@ def whole_period(time_s: Array, displacement: Array, times: Array) -> float | No
     if times.size < 3:
         return None
     one = float(np.median(np.diff(times)))
+    if _mostly_gaps(time_s, one):
+        return None
     places = times[:-1, None] + np.diff(times)[:, None] * np.arange(POINTS) / POINTS
     cycles = np.interp(places, time_s, displacement)
     if np.median(np.mean(np.diff(cycles, axis=0) ** 2, axis=1)) < UNLIKE**2 * 2 * np.var(cycles):
@@ -46,6 +48,8 @@ def short_period(time_s: Array, displacement: Array, up: Array, down: Array) -> 
     if not steps.size or np.ptp(steps) > ALIKE * steps.min():
         return None
     one = float(np.mean(steps))
+    if _mostly_gaps(time_s, one):
+        return None
     period, off = _least(*_unlike(time_s, displacement, one), one)
     step = float(np.median(np.diff(time_s)))
     return period if off <= ALIKE and 2 * period <= time_s[-1] - time_s[0] + 1.01 * step else None
@@ -62,6 +66,11 @@ def period_marks(time_s: Array, period: float) -> Array:
     step = float(np.median(np.diff(time_s)))
     n = int(np.floor((time_s[-1] - time_s[0] + 1.01 * step) / period))
     return time_s[0] - 0.005 * step + period * np.arange(n + 1)
+
+
+def _mostly_gaps(time_s: Array, one: float) -> bool:
+    """Whether a record lasts more cycles than it has samples: one time of 1e300 is enough."""
+    return bool(time_s[-1] - time_s[0] > one * time_s.size)
 
 
 def _unlike(time_s: Array, values: Array, one: float) -> tuple[Array, Array]:

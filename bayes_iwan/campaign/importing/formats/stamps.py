@@ -70,12 +70,15 @@ def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[A
         out, wrap = 3600.0 * a + 60.0 * b + c + fraction, _DAY_S
     time, note = unwrapped(out, [wrap] if wrap < _DAY_S else [_DAY_S, _DAY_S / 2])
     days = _days(dates if dates is not None else parts["date"].tolist())
-    if days is not None:  # a date counts where the time of day does not go on by itself: it may change late or early
-        steps = np.diff(time)
-        usual, more = usual_step(steps), np.rint(np.diff(days * _DAY_S + out) - steps)
-        odd = np.abs(steps - usual) > 2.0 * usual
-        note = "the date does not change at midnight: the time of day is followed" if more[~odd].any() else ""
-        time = time + np.append(0.0, np.cumsum(np.where(odd, more, 0.0)))
+    if days is not None:
+        whole = (days - days[0]) * _DAY_S + out
+        if dates is None or goes_on(np.diff(whole)).all():
+            time, note = whole, ""
+        else:  # the date may change late or early: it counts where the time of day does not go on by itself
+            steps = np.diff(time)
+            by_itself, more = goes_on(steps), np.rint(np.diff(whole) - steps)
+            note = "the date does not change at midnight: the time of day is followed" if more[by_itself].any() else ""
+            time = time + np.append(0.0, np.cumsum(np.where(by_itself, 0.0, more)))
         out = out + days[0] * _DAY_S
     return time - time[0], "; ".join(x for x in (said, note) if x), float(out[0])
 
@@ -83,6 +86,12 @@ def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[A
 def usual_step(steps: Array) -> float:
     """The median of the steps (n,) forward; 0 where there are none."""
     return float(np.median(forward)) if (forward := steps[steps > 0]).size else 0.0
+
+
+def goes_on(steps: Array, usual: float | None = None) -> Array:
+    """Whether each step (n,) is a usual one forward, or up to three of them."""
+    usual = usual_step(steps) if usual is None else usual
+    return np.asarray(np.abs(steps - usual) <= 2.0 * usual)
 
 
 def unwrapped(values: Array, wraps: Sequence[float] = WRAPS) -> tuple[Array, str]:
@@ -95,7 +104,7 @@ def unwrapped(values: Array, wraps: Sequence[float] = WRAPS) -> tuple[Array, str
     if not back.size or not usual or not np.isfinite(values).all():
         return values, ""
     for wrap in wraps:
-        if (np.abs(steps[back] + wrap - usual) <= 2.0 * usual).all():
+        if goes_on(steps[back] + wrap, usual).all():
             jumps = np.zeros(values.size)
             jumps[back + 1] = wrap
             said = f"the clock starts again after {wrap:.10g} {back.size} time(s): counted on"
