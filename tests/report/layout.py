@@ -95,7 +95,7 @@ function cut(doc, width) {
       if (parseFloat(style.fontSize) * scale < SMALLEST) say("letters too small to read", e);
     }
     for (const node of e.matches("td, td *, th, th *") ? e.childNodes : []) {
-      for (const word of node.nodeType === 3 ? node.data.matchAll(/[^\\s\\/_.–-]{1,14}(?!\\S)/g) : []) {
+      for (const word of node.nodeType === 3 ? node.data.matchAll(/(?<!\\S)[^\\s\\/_.–-]{1,14}(?!\\S)/g) : []) {
         const range = doc.createRange();
         range.setStart(node, word.index);
         range.setEnd(node, word.index + word[0].length);
