@@ -99,7 +99,7 @@ class Entry:
     """
 
     family: Family
-    posterior: Posterior
+    posterior: Posterior = field(repr=False)  # what it says of itself may need draws of its own
     parameters: int
     residual_share: float
     loo: Loo

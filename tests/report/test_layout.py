@@ -151,6 +151,8 @@ DEPTH = 3
 
 def parts(value, depth=DEPTH):
     """A result and all public results that it holds, with the way to each; arrays show themselves as NumPy does."""
+    if depth < DEPTH and isinstance(value, bi.Posterior):
+        return  # as the one at the top
     yield "", value
     if depth == 0:
         return
