@@ -252,7 +252,7 @@ def test_what_a_killed_answering_left_is_no_answer(made, tmp_path):
 
 
 def test_unknown_case_is_refused(made, tmp_path):
-    with pytest.raises(WithheldError, match="no case case_09"):
+    with pytest.raises(WithheldError, match="no case 'case_09'"):
         answer(made[0], answerers.none, out=tmp_path, only=["case_09"])
 
 
