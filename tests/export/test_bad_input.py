@@ -68,7 +68,7 @@ CASES = {
     "half a file": ("damaged", {}, "damaged, or not a result of this version"),
     "an empty file": ("empty", {}, "damaged, or not a result of this version"),
     "another version": ("other", {}, "version"),
-    "another campaign": ("run", {"campaign": "nowhere"}, "campaign.toml: not found"),
+    "another campaign": ("run", {"campaign": "nowhere"}, "its campaign is not in"),
     "a diagnosis alone": ("diagnosis", {}, "name its campaign as well (--campaign DIR)"),
     "a diagnosis half written": ("diagnosis", {"campaign": "made_up"}, "damaged"),
     "a diagnosis of an older version": ("older", {"campaign": "made_up"}, "version"),

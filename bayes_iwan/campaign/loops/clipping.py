@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop
@@ -172,11 +173,11 @@ def _top(loop: Loop, values: Array, side: int) -> Top | None:
 
 
 def _left_at_speed(record: Record, loop: Loop, limit: Limit) -> bool:
-    """Does a force leave a level more straight than curved over three samples? So it leaves an amplifier's, or jumps;
+    """Does a force leave a level more straight than curved over three samples, or jump? So it leaves an amplifier's;
     friction leaves its plateau as the motion turns or begins: from rest, unless that has a corner there."""
     force, motion = (limit.side * x[loop.cut.index] for x in (record.force_N, record.displacement_mm))
     below = limit.side * limit.level - force
-    ends = np.flatnonzero((below[:-4] == 0) & (below[1:-3] > 0))[:, None]
+    ends = _last_of(below)
     back = -np.diff(motion)
     before, after = back[ends - 1 + np.array([0, 2])].T
     usual = np.median(np.abs(back[2:] - back[:-2]))
@@ -184,8 +185,22 @@ def _left_at_speed(record: Record, loop: Loop, limit: Limit) -> bool:
     first, second, third = below[ends + np.arange(1, 4)].T
     curve = (third - 2 * second + first) / 2
     speed = np.sqrt(np.maximum((second - first - curve) ** 2 - 4 * curve * first, 0.0))  # of a parabola at the level
-    jumps = (first > third - first) & (before * after > 0)  # a code, no dry friction, which does so at a turn
-    return bool(np.median(((2 * speed > (third - first) / 2) | jumps) & ~turns))
+    straight = np.median((2 * speed > (third - first) / 2) & ~turns)
+    return bool(straight) or _jumps(below, motion) or _jumps(below[::-1], motion[::-1])
+
+
+def _last_of(below: Array) -> NDArray[np.intp]:
+    """(n, 1) where a force that is so far below a level is on it for the last time."""
+    return np.flatnonzero((below[:-4] == 0) & (below[1:-3] > 0))[:, None]
+
+
+def _jumps(below: Array, motion: Array) -> bool:
+    """Does a force leave a level by more than it moves in the next two samples, as a code for what is out of range
+    does? Dry friction jumps, too, but as the motion turns."""
+    ends, steps = _last_of(below), np.diff(motion)
+    first, third = below[ends + np.array([1, 3])].T
+    before, after = steps[ends - 1 + np.array([0, 2])].T
+    return ends.size > 0 and bool(np.median((first > third - first) & (before * after > 0)))
 
 
 def _cornered(top: Top) -> bool:

@@ -222,8 +222,8 @@ class DiagnoseSettings:
     --------
     >>> import bayes_iwan as bi
     >>> from bayes_iwan.inference.setup.settings import ModelSettings
-    >>> bi.DiagnoseSettings(ModelSettings(slip="gamma2")).as_dict()
-    {'model': {'slip': 'gamma2'}, 'parameters': {}}
+    >>> bi.DiagnoseSettings(ModelSettings(slip="gamma2")).as_dict()["model"]
+    {'slip': 'gamma2'}
     """
 
     model: ModelSettings = field(default_factory=ModelSettings)

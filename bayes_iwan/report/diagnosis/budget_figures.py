@@ -126,7 +126,7 @@ def _cycle_residual(ax: Axes, one: CycleResidual, causes: str) -> Axes:
     ax.fill_between(phase, -band, band, color="#DDDDDD", linewidth=0, label="a right model leaves (2 sd)")
     ax.plot(phase, one.before_N, color=RED, linestyle=(0, (5, 1.5)), label="model alone")
     if one.after_N is not None:
-        ax.plot(phase, one.after_N, color=BLUE, label=fill(f"with {causes}", 24 if narrow() else 70))
+        ax.plot(phase, one.after_N, color=BLUE, label=fill(f"with {causes}", 24 if narrow() else 40))
     ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
     return ax
 
