@@ -108,6 +108,7 @@ def switched_off() -> dict[str, list[Patch]]:
         (verdict, "PROBABLE", (0.65, 0.8)),
         (verdict, "REFUSED", (0.0, 1.0)),
         (calibration, "SUREST", (0.999,)),
+        (budget, "LEAST_SHARE", (0.0,)),
         (budget, "LEAST_OF_FRICTION", (1e-12,)),
         (budget, "LEAST_MODEL_FORM", (0.02,)),
         (indicators, "LARGEST_SCORE", (3.0, 6.0)),

@@ -64,7 +64,9 @@ PROBABLE: Final = 0.5
 #: probability, at most, of what something speaks against; 0.1 and 0.5 change nothing that was measured
 #: (analyses/ablation.md)
 REFUSED: Final = 0.25
-#: share of the gap that a cause in the base's form, which always removes some, must remove to be named
+#: share of the gap that an effect must remove to be named (what is said must matter); of a cause in the base's form,
+#: which always removes some
+LEAST_SHARE: Final = 0.02
 LEAST_MODEL_FORM: Final = 0.2
 #: what a single record shows by itself: a line of the mains, a level that the force does not pass, a zero that moves
 SHOWN_BY_RECORD: Final = frozenset({"mains_interference", "force_clipping", "force_drift"})

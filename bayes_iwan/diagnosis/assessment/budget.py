@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.assessment.indicators import Figures
-from bayes_iwan.diagnosis.constants import LEAST_MODEL_FORM, LEAST_OF_FRICTION
+from bayes_iwan.diagnosis.constants import LEAST_MODEL_FORM, LEAST_OF_FRICTION, LEAST_SHARE
 from bayes_iwan.diagnosis.fits.gap_size import Gap, GapSize, Share, shrink
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.effects.catalogue import UNLISTED
@@ -261,4 +261,4 @@ def vagueness(fitted: Gaps, held_out: Gaps | None) -> Vague:
 
 def least_share(name: str, gap: float) -> float:
     """Share of the gap that an effect must remove to be named; gap : over the friction force."""
-    return max(LEAST_MODEL_FORM if name in MODEL_FORM else 0.0, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))
+    return max(LEAST_MODEL_FORM if name in MODEL_FORM else LEAST_SHARE, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))
