@@ -64,8 +64,8 @@ def without_reason(where: Any, name: str, reason: str) -> Patch:
 def changed_by(change: Change) -> Patch:
     """Figures of another kind."""
 
-    def figures(search: Search, sizes: Sizes, held_out: Sequence[HeldOut]) -> tuple[Figures, ...]:
-        return tuple(change(f, search, sizes, held_out) for f in figures_of(search, sizes, held_out))
+    def figures(search: Search, sizes: Sizes, fit: Fit, held_out: Sequence[HeldOut]) -> tuple[Figures, ...]:
+        return tuple(change(f, search, sizes, held_out) for f in figures_of(search, sizes, fit, held_out))
 
     return (assessed_search, "figures_of", figures)
 
@@ -88,6 +88,7 @@ def switched_off() -> dict[str, list[Patch]]:
         "rule: what a record shows by itself": [(verdict, "SHOWN_BY_RECORD", Names())],
         "rule: share of what changes along the record": [changed_by(lambda f, *given: replace(f, along=None))],
         "rule: what could be in its place is tied": [changed_by(lambda f, *given: replace(f, alternatives={}))],
+        "rule: plausible where it misses least in newtons": [changed_by(plausible_in_evidence)],
         "held out: sets that the other tests chose": [changed_by(of_best_set)],
     }
     for title, where, name, reason in (
@@ -116,6 +117,14 @@ def switched_off() -> dict[str, list[Patch]]:
         for value in values:
             out[f"{name} {value:g}"] = [(where, name, value)]
     return out
+
+
+def plausible_in_evidence(f: Figures, search: Search, sizes: Sizes, held_out: Sequence[HeldOut]) -> Figures:
+    """An effect's numbers are asked where its evidence is best alone."""
+    best = search.fit(search.chosen)
+    effect = next(e for e in best.effects if e.name == f.name)
+    less = search.fit(Names(search.chosen) - {f.name})
+    return replace(f, odd=indicators.implausible(effect, best, search.data) or indicators.replaced(less, best))
 
 
 @contextmanager

@@ -88,5 +88,5 @@ def weighed(search: Search, seed: int) -> Weighed:
 
 def assessed(search: Search, models: Models, held_out: tuple[HeldOut, ...]) -> Weighed:
     """The same from fits that are there."""
-    figures = figures_of(search, models.sizes, held_out)
+    figures = figures_of(search, models.sizes, models.nearest[frozenset(search.chosen)], held_out)
     return Weighed(search, figures, models, held_out, set_probabilities(search.scores, search.data.tests))

@@ -70,11 +70,13 @@ def three_sets(names: Names) -> list[Names]:
     return [Names(), *(frozenset({n}) for n in sorted(names)), *(names - {n} for n in sorted(names)), names]
 
 
-def figures_of(search: Search, sizes: Mapping[Names, GapSize], held_out: Sequence[HeldOut]) -> tuple[Figures, ...]:
+def figures_of(
+    search: Search, sizes: Mapping[Names, GapSize], whole_in_newtons: Fit, held_out: Sequence[HeldOut]
+) -> tuple[Figures, ...]:
     """The figures of every effect of the best set.
 
-    sizes : gap of the base, the best set, it without each effect and each effect alone; held_out : what these miss on
-    held-out tests
+    sizes : gap of the base, the best set, it without each effect and each effect alone; whole_in_newtons : the best set
+    where it misses least; held_out : what these miss on held-out tests
     """
     whole, none = frozenset(search.chosen), Names()
     if not whole:
@@ -111,7 +113,10 @@ def figures_of(search: Search, sizes: Mapping[Names, GapSize], held_out: Sequenc
                 before=before / level,
                 tests=data.tests,
                 along=share_along,
-                odd=implausible(effect, best, data) or replaced(search.fit(less), best),
+                # numbers are reported from the one fit, shares from the other
+                odd=implausible(effect, best, data)
+                or implausible(effect, whole_in_newtons, data)
+                or replaced(search.fit(less), best),
             )
         )
     return tuple(out)
