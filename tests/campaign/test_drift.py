@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayes_iwan.campaign.loops.averaging import average
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record
+from bayes_iwan.campaign.loops.steadiness import cycles_of
 
 
 def drifting(record, drift_mm, slope_N_mm=0.0, bend=0.0, **more):
@@ -92,3 +94,13 @@ def test_noise_of_few_cycles_is_no_drift(record):
     for seed in range(30):
         kept, _ = check_record(record(noise_N=0.02, noise_mm=0.01, n_cycles=2.4, seed=seed))
         assert not any("mean displacement" in w for w in kept.warnings)
+
+
+@pytest.mark.parametrize("order", [6, 7])
+def test_cycles_are_compared_by_harmonics_that_their_samples_resolve(record, order):
+    """The strongest harmonic may be one that 16 samples a cycle do not resolve. Found by fuzz.py (seed 18)."""
+    p = 2 * np.pi * 5.0 * (t := np.arange(480) / 80.0)
+    r = replace(
+        record(frequency_hz=5.0, time_s=t), displacement_mm=0.8 * np.sin(p) + np.sin(order * p), force_N=np.sin(p)
+    )
+    assert cycles_of(average(r)).displacement_shapes.shape[1] == 13

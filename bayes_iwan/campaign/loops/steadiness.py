@@ -57,9 +57,10 @@ def cycles_of(loop: Loop, n_harmonics: int = SHAPE_HARMONICS) -> Cycles:
     """The cycles that a loop was averaged over, by so many harmonics as their samples resolve."""
     record, cut = loop.record, loop.cut
     number = cut.cycles
+    resolved = max(1, int(0.4 * cut.index.size / number.size))
     # of a multisine the strongest harmonic tells: its fundamental may be nothing
-    order = 1 + int(np.argmax(np.abs(np.fft.rfft(loop.displacement_mm)[1:])))
-    n_shape = int(max(1, min(max(n_harmonics, order), 0.4 * cut.index.size / number.size)))
+    order = 1 + int(np.argmax(np.abs(np.fft.rfft(loop.displacement_mm)[1 : resolved + 1])))
+    n_shape = min(max(n_harmonics, order), resolved)
     # what the force still shows of the time before the record is none of its first cycle: the next one's part stands in
     before = (cut.phase >= 0) & (cut.phase < cut.late)
     force = np.where(before, np.interp(cut.phase + 1, cut.phase, record.force_N), record.force_N)
