@@ -11,8 +11,14 @@ class InputError(ValueError):
     """
 
 
-#: names that a message lists where none is near
+#: names that a message lists, where there are more
 LISTED = 12
+
+
+def few(names: Iterable[object]) -> str:
+    """The first of some names, for a message."""
+    there = [str(x) for x in names]
+    return ", ".join(there[:LISTED]) + (f" … ({len(there)})" if len(there) > LISTED else "")
 
 
 def nearest(name: object, known: Iterable[object], otherwise: str | None = None, alike: float = 0.6) -> str:
@@ -22,5 +28,5 @@ def nearest(name: object, known: Iterable[object], otherwise: str | None = None,
     if near := difflib.get_close_matches(str(name), there, 1, alike):
         return f"; did you mean {near[0]!r}?"
     if otherwise is None and there:
-        return f"; there are {', '.join(there[:LISTED])}{' …' if len(there) > LISTED else ''}"
+        return f"; there are {few(there)}"
     return otherwise or ""

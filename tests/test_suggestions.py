@@ -1,5 +1,6 @@
 """Wherever a user gives a name of a known set, a misspelt one is refused in one line with what was probably meant."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -95,5 +96,15 @@ def test_parts_of_a_result_by_name():
 
 def test_where_none_is_near_the_known_ones_are_listed():
     assert nearest("xyz", ["one", "two"]) == "; there are one, two"
-    assert nearest("xyz", map(str, range(99))).endswith("11 …")
+    assert nearest("xyz", map(str, range(99))).endswith("11 … (99)")
     assert nearest("xyz", []) == "" and nearest("xyz", ["one"], "; say one") == "; say one"
+
+
+def test_a_key_that_is_missing_is_said_with_the_one_that_was_meant_to_be_it(made_up_campaign, tmp_path):
+    folder = shutil.copytree(made_up_campaign, tmp_path / "typo")
+    stated = folder / "campaign.toml"
+    stated.write_text(stated.read_text().replace("amplitude_mm", "amplitud_mm"))
+    with pytest.raises(
+        bi.CampaignError, match="amplitude_mm is missing; did you mean 'amplitud_mm' to be amplitude_mm"
+    ):
+        bi.read_campaign(folder)

@@ -134,9 +134,10 @@ def write_score(
 ) -> str:
     """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table and,
     case by case, what was true and what was said."""
-    found, own = partial(find_shares, allow_own_files=allow_effects_file), allow_effects_file
-    scored = partial(score, directory, truth, answers=answers, find_shares=found, allow_effects_file=own)
-    result = scored(excluded=excluded)
+    result = score(
+        directory, truth, answers=answers, find_shares=partial(find_shares, allow_own_files=allow_effects_file),
+        allow_effects_file=allow_effects_file, excluded=excluded,
+    )  # fmt: skip
     table = result.table() + "\n\n" + result.case_table()
     if out is not None:
         folder = Path(out)

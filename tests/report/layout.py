@@ -67,8 +67,16 @@ BROWSER = find_browser()
 NO_BROWSER = "no Chromium here; to run these tests: apt-get update && apt-get install -y chromium"
 WIDTHS = (390, 768, 1280, 1400)
 
+_FOUND = """
+  const out = document.createElement("pre");
+  out.id = "found";
+  out.textContent = JSON.stringify(found);
+  document.body.appendChild(out);
+})();
+</script></body>"""
 # every width is a frame of its own, so that media queries hold; what is found goes into an element for --dump-dom
-_WRAPPER = """<!DOCTYPE html><meta charset="utf-8"><body><script>
+_WRAPPER = (
+    """<!DOCTYPE html><meta charset="utf-8"><body><script>
 const html = %s, widths = %s, scrolled = %s, found = {};
 const SMALLEST = 8.9, BEYOND = 4; // px of a figure's letters on a phone, and of what of them may stick out of it
 function cut(doc, width) {
@@ -121,16 +129,14 @@ function cut(doc, width) {
     found[width] = cut(frame.contentDocument, frame.contentWindow.innerWidth);
     frame.remove();
   }
-  const out = document.createElement("pre");
-  out.id = "found";
-  out.textContent = JSON.stringify(found);
-  document.body.appendChild(out);
-})();
-</script></body>"""
+"""
+    + _FOUND
+)
 
 
 # every page in a frame as tall as it is; of each text its contrast with what lies beneath it, figures' shapes included
-_PALE = """<!DOCTYPE html><meta charset="utf-8"><body><script>
+_PALE = (
+    """<!DOCTYPE html><meta charset="utf-8"><body><script>
 const pages = %s, found = {}, LEAST = 4.5; // WCAG 2.2, 1.4.3
 const rgba = (text) => [...(text.match(/[\\d.]+/g) || [0, 0, 0, 0]).map(Number), 1].slice(0, 4);
 const over = (top, under) => top.slice(0, 3).map((x, i) => x * top[3] + under[i] * (1 - top[3])).concat(1);
@@ -178,12 +184,9 @@ function pale(doc) {
     found[name] = pale(frame.contentDocument);
     frame.remove();
   }
-  const out = document.createElement("pre");
-  out.id = "found";
-  out.textContent = JSON.stringify(found);
-  document.body.appendChild(out);
-})();
-</script></body>"""
+"""
+    + _FOUND
+)
 
 
 def run_browser(page: Path | str, profile: Path, *options: str) -> tuple[str, str]:

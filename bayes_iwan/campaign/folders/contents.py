@@ -3,13 +3,13 @@
 import glob
 from pathlib import Path
 
+from bayes_iwan.errors import few
 from bayes_iwan.files import RECORD
 
 #: what a folder of recordings may hold besides
 OTHER_FILES = (".toml", ".md", ".html", ".tdms_index", ".png")
 #: what a folder of recordings has at least one of, to be known for one
 RECORDED = set(".csv .txt .dat .tsv .asc .tdms .lvm .uff .unv .mat .h5 .xlsx .wav .parquet .json .gz".split())
-MOST_NAMED = 6  # folders in a message
 
 
 def recordings_in(name: str) -> list[Path]:
@@ -33,7 +33,7 @@ def folders_said(path: Path) -> str:
     some = campaigns or [p for p in below if any(x.suffix.lower() in RECORDED for x in recordings_in(str(p)))]
     if not some:
         return ""
-    names = ", ".join(p.name for p in some[:MOST_NAMED]) + (f" ... ({len(some)})" if len(some) > MOST_NAMED else "")
+    names = few(p.name for p in some)
     if campaigns:
         one, every = f'bayes-iwan check "{some[0]}"', f'bayes-iwan batch "{path}"'
         return f"{path}: a folder of campaigns: {names}. One of them: {one}; all: {every}"

@@ -15,11 +15,10 @@ from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.scaling import YEARS_S
 from bayes_iwan.campaign.importing.unit_texts import converted
 from bayes_iwan.campaign.recording.records import CampaignError
+from bayes_iwan.errors import few
 
 #: words that name a sensor beside what it measures (load cell)
 SENSORS = r"cell|sensor|transducer|channel|signal|data|zelle|aufnehmer|kanal|messdose|capteur|sensore"
-
-MOST_NAMED = 6  # files in a question
 
 
 def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) -> tuple[list[Recording], list[Question]]:
@@ -52,8 +51,9 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
     if not odd:
         return list(out.values()), []
     if len(left) == len(pieces) > 1 and _one_test(held):
-        names = ", ".join(x.where for x in pieces[:MOST_NAMED]) + (" ..." if len(pieces) > MOST_NAMED else "")
-        said = f"None of {names} holds both displacement and force: are they channels of one test?"
+        said = (
+            f"None of {few(x.where for x in pieces)} holds both displacement and force: are they channels of one test?"
+        )
         return [_one(pieces)], [Question("--join", "", "", f"{said} If of several, import each test alone.")]
     what = " and ".join(x for x, role in (("displacement", "motion"), ("force", "force")) if role not in held[odd[0]])
     raise CampaignError(
