@@ -36,7 +36,7 @@ from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings, SearchSettings
 from bayes_iwan.inference.solving.point import Point, find_point, near_optima
 from bayes_iwan.inference.solving.posterior_draws import QUICK, Run, sampled
-from bayes_iwan.sampling.blocks import Density, Places, advanced, generator
+from bayes_iwan.sampling.blocks import Places, advanced, generator
 from bayes_iwan.sampling.proposals import learnt_moves
 from runs import each
 
@@ -102,20 +102,19 @@ def from_truth(problem: Problem, truth: np.ndarray, seed: int) -> tuple[np.ndarr
     """
     began = time.process_time()
     point = found_point(problem, seed)
-    marginal = Marginal(problem)
-    density = Density(marginal, marginal.walked, marginal.drawn, marginal.blocks)
+    density = Marginal(problem).density
     with threadpool_limits(limits=1, user_api="blas"):
         optima = near_optima(point.optima, point.optima_log_prob)
         found = sampled(problem, optima, replace(SamplingSettings(), **QUICK), Run(seed))
         random = generator((seed, 37))
-        known = found.draws.reshape(-1, problem.ndim)[:, marginal.walked]
-        moves = learnt_moves(known[random.permutation(len(known))[:4000]], marginal.blocks, random)
+        known = density.apart(found.draws.reshape(-1, problem.ndim))
+        moves = learnt_moves(known[random.permutation(len(known))[:4000]], density.blocks, random)
 
         def led(x: np.ndarray, stream: int) -> tuple[Places, float]:
             at = density(x, random)
             return advanced((density, moves, STEPS), (Places(x, at[:, 1:], at[:, 0]), (seed, 36, stream)))
 
-        hub, _ = led(truth[:, marginal.walked], 0)
+        hub, _ = led(density.apart(truth), 0)
         ends, accepted = led(np.repeat(hub.x[-1], RANKED, axis=0), 1)
     return density.whole(ends.x[-1], ends.drawn[-1]), {"accepted": accepted, "cpu_s": time.process_time() - began}
 

@@ -23,10 +23,10 @@ from bayes_iwan.models.slip_force import SlipForce
 #: terms of the deviation of the slip forces' density. The more, the more truths the intervals of the slip forces'
 #: quartiles hold (`analyses/guide/measured.md`)
 SLIP_TERMS = 12
-#: further terms, one for each doubling of the slip forces: without them intervals of kp and of the mean slip force
-#: are too narrow, since the tail of the slip forces may be another
-TAIL_OCTAVES = 2
-TAIL_NAMES = tuple(f"slip_tail{2**k}" for k in range(1, TAIL_OCTAVES + 1))
+#: times the slip forces of the family that further elements have: without them intervals of kp and of the mean slip
+#: force are too narrow, since the tail of the slip forces may be another
+LARGER = 2, 4
+TAIL_NAMES = tuple(f"slip_larger{s}" for s in LARGER)
 SLIP_NAMES = (*(f"slip_deviation{k}" for k in range(1, SLIP_TERMS + 1)), *TAIL_NAMES)
 STIFFNESS_NAME, CORNER_NAME = "stiffness_exponent", "normal_force_corner"
 NAMES = (*SLIP_NAMES, STIFFNESS_NAME, CORNER_NAME)
@@ -36,10 +36,10 @@ CORNER_WIDTH = 0.05
 
 @dataclass(frozen=True)
 class DeviatingSlipForce:
-    """A family of slip forces whose density deviates by Σ c_k times functions of it that keep the mean
-    (:func:`.series.linear_deviations`).
+    """A family of slip forces whose density deviates by Σ c_k times functions of it (:func:`.series.linear_deviations`),
+    some of which are further elements.
 
-    The mean slip force, which loops determine, is so left to its own number; and the friction force is linear in c_k.
+    With the stiffness of the family's own elements given, the friction force is linear in c_k.
     """
 
     base: SlipForce
@@ -61,13 +61,14 @@ class DeviatingSlipForce:
         return np.ascontiguousarray(tables[:, 0]), top
 
     def table_and_slopes(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
-        """The table and what it changes by for each c_k, (draws, 1 + deviations, cells, 4), and its top
-        (draws,)."""
+        """The table and what it changes by for each c_k where the family's elements stay, (draws, 1 + deviations,
+        cells, 4), and its top (draws,)."""
         table, top = self.base.table(parameter_values)
-        tables = series.linear_deviations(table, top, SLIP_TERMS, TAIL_OCTAVES)
-        c = _coefficients(parameter_values)
+        tables = series.linear_deviations(table, top, SLIP_TERMS, len(LARGER))
+        c = np.stack([parameter_values[name] for name in SLIP_NAMES], axis=1)
         if np.any(c != 0.0):
             tables[:, 0] += np.einsum("dk,dkij->dij", c, tables[:, 1:])
+            tables /= elements(parameter_values)[:, None, None, None]
         return tables, top
 
     def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
@@ -90,11 +91,21 @@ class DeviatingSlipForce:
         return w, np.moveaxis(cubic, -1, 0), share[cell] * top[:, None]
 
     def mean(self, parameter_values: ParameterValues) -> Array:
-        return self.base.mean(parameter_values)
+        return self.base.mean(parameter_values) * friction(parameter_values) / elements(parameter_values)
 
 
-def _coefficients(parameter_values: ParameterValues) -> Array:
-    return np.stack([parameter_values[name] for name in SLIP_NAMES], axis=1)
+def elements(values: ParameterValues) -> Array:
+    """(…) all elements, or their stiffness, over the family's own; NaN where none would be left."""
+    return _positive(1.0 + sum(values[name] for name in TAIL_NAMES))
+
+
+def friction(values: ParameterValues) -> Array:
+    """(…) force of all elements, all slipping, over that of the family's own; NaN where none would be left."""
+    return _positive(1.0 + sum(s * values[name] for s, name in zip(LARGER, TAIL_NAMES)))
+
+
+def _positive(x: Array) -> Array:
+    return np.where(x > 0.0, x, np.nan)
 
 
 def corner(motion: Motion) -> Array:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bayes_iwan.models.iwan import Model
 
 #: prior standard deviations of the embedded model error: of the k-th deviation of the slip forces' density the first
-#: number over k + 1, of the share of slip forces that are larger, of the exponent in k(α), of the corner in α
+#: number over k + 1, of further elements with larger slip forces, of the exponent in k(α), of the corner in α
 SLIP_SD, TAIL_SD, EXPONENT_SD, CORNER_SD = 0.5, 0.03, 0.1, 0.05
 #: scale of the t₂ priors of what changes the normal force: its median magnitude is 0.27, that of N(0, 0.4). The paper
 #: gives no scale, and by Table 1 the change grows with the amplitude (2.2 at 5 mm), so the tails are heavy
@@ -92,9 +92,9 @@ def parallel_spring(scales: Scales) -> Parameter:
     return Parameter("kp_N_mm", "kp", "N/mm", "stiffness of the parallel spring", prior)
 
 
-def slip_force_names(model: Model, s: Scales) -> frozenset[str]:
-    """Sampled parameters of the slip forces, but for their deviations."""
-    return frozenset(p.name for p in _slip_parameters(slip_force.FAMILIES[model.slip], s))
+def slip_form_names(model: Model, s: Scales) -> frozenset[str]:
+    """Sampled parameters of the form of the slip forces' family."""
+    return frozenset(p.name for p in _slip_parameters(slip_force.FAMILIES[model.slip], s)) - {"mean_slip_force_N"}
 
 
 def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
@@ -128,8 +128,8 @@ def embedded_parameters() -> tuple[Parameter, ...]:
         for k, name in enumerate(embedded_error.SLIP_NAMES[: embedded_error.SLIP_TERMS], start=1)
     )
     tail = (
-        Parameter(name, f"s{2**k}", "-", f"share of slip forces {2**k} times as large", stats.norm(scale=TAIL_SD))
-        for k, name in enumerate(embedded_error.TAIL_NAMES, start=1)
+        Parameter(name, f"s{s}", "-", f"further elements, slip forces {s} times as large", stats.norm(scale=TAIL_SD))
+        for s, name in zip(embedded_error.LARGER, embedded_error.TAIL_NAMES)
     )
     exponent, corner = stats.norm(scale=EXPONENT_SD), stats.norm(scale=CORNER_SD)
     return (
@@ -147,9 +147,12 @@ def model_values(model: Model, values: Mapping[str, Array]) -> ParameterValues:
     if model.stiffness == "saturating":
         out["stiffness_ratio"] = stiffness.ratio_of_elasticity(v["elasticity"])
     family = slip_force.FAMILIES[model.slip]
+    if "mean_slip_force_N" in v:  # of the family's own elements
+        more = embedded_error.friction(v) / embedded_error.elements(v) if model.embedded else 1.0
+        mean = v["mean_slip_force_N"] / more
     if isinstance(family, slip_force.Gammas):
         n = family.components
-        remaining = np.ones_like(v["mean_slip_force_N"])
+        remaining = np.ones_like(mean)
         ratio = np.ones_like(remaining)
         weights, ratios = [], []
         for i in range(1, n + 1):
@@ -158,12 +161,12 @@ def model_values(model: Model, values: Mapping[str, Array]) -> ParameterValues:
             ratio = ratio * v[f"slip_ratio_{i}{i - 1}"] if i > 1 else ratio
             weights.append(weight)
             ratios.append(ratio)
-        first = v["mean_slip_force_N"] / sum(w * r for w, r in zip(weights, ratios))
+        first = mean / sum(w * r for w, r in zip(weights, ratios))
         for i, (w, r) in enumerate(zip(weights, ratios), start=1):
             out[f"g{i}"] = w
             out[f"t{i}_N"] = first * r / v[f"eta{i}"]
     elif family.name == "uniform":
-        out["slip_mean_N"] = v["mean_slip_force_N"]
+        out["slip_mean_N"] = mean
     return out
 
 
@@ -182,7 +185,6 @@ def sampled_values(model: Model, parameter_values: Mapping[str, Array]) -> Param
         order = np.argsort(t * eta, axis=1)
         t, eta, g = (np.take_along_axis(a, order, axis=1) for a in (t, eta, g))
         means, remaining = t * eta, np.ones(len(t))
-        out["mean_slip_force_N"] = np.sum(g * means, axis=1)
         for i in each:
             out[f"eta{i}"] = eta[:, i - 1]
             if i > 1:
@@ -190,8 +192,8 @@ def sampled_values(model: Model, parameter_values: Mapping[str, Array]) -> Param
             if i < family.components:
                 out[f"share_{i}"] = g[:, i - 1] / remaining
                 remaining = remaining - g[:, i - 1]
-    elif family.name == "uniform":
-        out["mean_slip_force_N"] = parameter_values["slip_mean_N"]
+    if isinstance(family, slip_force.Gammas) or family.name == "uniform":
+        out["mean_slip_force_N"] = model.slip_family.mean(parameter_values)
     return out
 
 

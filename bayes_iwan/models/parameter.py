@@ -148,6 +148,8 @@ class Parameter:
     def score(self, value: Array) -> Array:
         """z(x), the inverse of :meth:`value`, cut at ±Z_LIMIT."""
         below, above = self._ends
+        if self._closed:
+            return np.clip(self._score(value)[0], -Z_LIMIT, Z_LIMIT)
         inside = 1.0 - below - above
         low = (self.prior.cdf(value) - below) / inside
         high = (self.prior.sf(value) - above) / inside
@@ -156,9 +158,26 @@ class Parameter:
 
     def log_density(self, value: Array) -> Array:
         """ln p(x) of the prior cut to the bounds."""
+        if self._closed:
+            z, log_slope = self._score(value)
+            with np.errstate(invalid="ignore"):
+                return np.where(np.isfinite(z), -0.5 * (z**2 + np.log(2.0 * np.pi)) + log_slope, -np.inf)
         below, above = self._ends
         inside = (value >= self.lower) & (value <= self.upper)
         return np.where(inside, self.prior.logpdf(value) - np.log(1.0 - below - above), -np.inf)
+
+    @property
+    def _closed(self) -> bool:
+        return self._form[0] in ("norm", "lognorm") and self._ends == (0.0, 0.0)
+
+    def _score(self, value: Array) -> tuple[Array, Array]:
+        """z(x), and ln of its derivative, of a normal or log-normal prior that is not cut."""
+        form, c = self._form
+        if form == "norm":
+            return (value - c[0]) / c[1], np.full(np.shape(value), -np.log(c[1]))
+        with np.errstate(divide="ignore"):
+            logarithm = np.log(np.maximum(value - c[0], 0.0))
+        return (logarithm - np.log(c[1])) / c[2], -logarithm - np.log(c[2])
 
     def prior_text(self) -> str:
         """The prior in words for tables, e.g. 'lognorm(s=0.7, scale=5.2)'."""

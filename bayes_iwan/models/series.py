@@ -12,9 +12,9 @@ same G for all φ, so no quantile is ever inverted.
 
 The first order of the same is multiplied by 1 + Σ c_k b_k(p) (:func:`linear_deviations`): the friction force is linear
 in the density, so it is in these c_k too, which a posterior can then be integrated over in closed form.
-Where the factor is negative the product is no density: the family's form is far from the truth there. Slip forces twice
-and four times as large, with small weights of either sign, let the tail beyond what a campaign drives be heavier or
-lighter than the family's.
+Where the factor is negative the product is no density: the family's form is far from the truth there. Further elements
+with slip forces twice and four times as large, few and of either sign, let the tail beyond what a campaign drives be
+heavier or lighter than the family's.
 """
 
 import math
@@ -118,8 +118,8 @@ def _deviating_tables(
 @_jit
 def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Array, order: int) -> None:
     """Tables of π_1 times the density into first (draws, cells, 4), of π_2 and on into out (draws, 1 + terms, cells, 4)
-    from its second table on, by Simpson's rule; then so much of the first is taken off each but out's first that the
-    mean stays.
+    from its second table on, by Simpson's rule; then so much of the first is taken off each of these that the mean
+    stays.
 
     ∫ π_k over (p, 1) is (P_{k−1}(x) − P_{k+1}(x)) / (2 √(2k + 1)), x = 2p − 1, by Legendre's recurrence.
     """
@@ -151,7 +151,7 @@ def _basis_tables(tables: Array, top: Array, width: Array, first: Array, out: Ar
                 into[j, 3] = h * (start + end) - 2.0 * rise
                 limited += rise
         sum_of_first = first[d, cells - 1].sum()
-        for k in range(1, out.shape[1]):
+        for k in range(1, order + 1):
             share = out[d, k, cells - 1].sum() / sum_of_first
             for j in range(cells):
                 for i in range(4):
@@ -180,11 +180,11 @@ def deviating(tables: Array, top: Array, coefficients: Array) -> Array:
 
 
 def linear_deviations(tables: Array, top: Array, order: int, octaves: int = 0) -> Array:
-    """What a density is changed by for each c_k, as tables; the mean stays.
+    """What a density f is changed by for each c_k, as tables.
 
-    For k = 1 … order the density times b_k(F) = π_{k+1} − r_k π_1. Polynomials of F leave a tail that is thin in the
-    family thin, so the next, as many as octaves, are f_s − f − r π_1(F) f, f_s the density of slip forces s = 2, 4, …
-    times as large.
+    For k = 1 … order f times b_k(F) = π_{k+1} − r_k π_1, which keeps its integral and its mean. Polynomials of F leave a
+    tail that is thin in the family thin, so the next, as many as octaves, are the densities f_s of slip forces s = 2,
+    4, … times as large: further elements.
 
     tables : (draws, cells, 4), top : (draws,) N, from a slip-force family's `table`. Returns the table itself and
     these, (draws, 1 + order + octaves, cells, 4), with the same top. The table plus Σ c_k of the others is that of the
@@ -200,9 +200,8 @@ def linear_deviations(tables: Array, top: Array, order: int, octaves: int = 0) -
     for k in range(octaves):
         below = (k + 1) * cells // OCTAVES
         larger = out[:, 1 + order + k]
-        larger[:, :below] = held[:, :below] - tables[:, :below]
+        larger[:, :below] = held[:, :below]
         np.multiply(tables[:, :-below], 2.0 ** (k + 1), out=larger[:, below:])
-        larger[:, below:] -= tables[:, below:]
     _basis_tables(tables, top, width, first, out, order)
     return out
 

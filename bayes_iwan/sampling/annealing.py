@@ -24,6 +24,8 @@ from bayes_iwan.sampling.proposals import Mixture, learnt_moves
 
 #: how many times as wide as the normal approximations the guess is: these miss the broad tails of curved posteriors
 _WIDE = 6.0
+#: step, in standard deviations, over which coordinates walked in are taken to be linear in all
+_STEP = 0.1
 #: share of the walkers that each step of β leaves, as their weights count; steps at each β
 _LEFT, _STEPS = 0.5, 10
 #: moves walkers (where they are, moves, steps, density, which β this is) and returns where they have been
@@ -44,11 +46,14 @@ class _Between:
         return found
 
 
-def guess_about(optima: Array, roots: Array) -> Mixture:
-    """q, from optima (k, ndim) and roots (k, ndim, m) of their covariances, in coordinates whose prior's standard
-    deviations are 1."""
-    precision = np.linalg.inv(roots @ roots.transpose(0, 2, 1)) / _WIDE**2 + np.eye(optima.shape[1])
-    return Mixture.of(np.full(len(optima), 1.0 / len(optima)), optima, np.linalg.cholesky(np.linalg.inv(precision)))
+def guess_about(density: Density, optima: Array, roots: Array) -> Mixture:
+    """q over what is walked in, from optima (k, ndim) and the roots of their covariances, (k, ndim, m) or one (ndim, m)
+    for all, in coordinates whose prior's standard deviations are 1."""
+    around = optima[:, None] + _STEP * np.swapaxes(roots, -1, -2)
+    centres = density.apart(optima)
+    roots = (density.apart(around) - centres[:, None]).transpose(0, 2, 1) / _STEP
+    precision = np.linalg.inv(roots @ roots.transpose(0, 2, 1)) / _WIDE**2 + np.eye(centres.shape[1])
+    return Mixture.of(np.full(len(centres), 1.0 / len(centres)), centres, np.linalg.cholesky(np.linalg.inv(precision)))
 
 
 def annealed(

@@ -16,6 +16,10 @@ from bayes_iwan.sampling.plan import SamplingError
 Moves = Sequence[tuple[Move, float]]
 
 
+def _as_they_are(z: Array, _: int) -> Array:
+    return z
+
+
 @dataclass(frozen=True)
 class Density:
     """What is sampled. Walkers move in some of the coordinates; the others are drawn given these, from their
@@ -23,13 +27,15 @@ class Density:
 
     function : (x (n, walked), random) → (n, 1 + drawn): ln p with the drawn coordinates integrated out, −∞ where
     impossible, and a draw of these. walked, drawn : their places among all coordinates. blocks : places among the
-    walked, those first that others follow.
+    walked, those first that others follow. joined : some of the walked may be walked in less what the drawn add to
+    them; (z (…, ndim), 1) → z with it, (z, −1) → z without.
     """
 
     function: Callable[[Array, np.random.RandomState], Array]
     walked: NDArray[np.int64]
     drawn: NDArray[np.int64]
     blocks: tuple[NDArray[np.int64], ...]
+    joined: Callable[[Array, int], Array] = _as_they_are
 
     @property
     def ndim(self) -> int:
@@ -51,7 +57,11 @@ class Density:
         """All coordinates (…, ndim) of x (…, walked) and those drawn there (…, drawn)."""
         z = np.empty((*x.shape[:-1], self.ndim))
         z[..., self.walked], z[..., self.drawn] = x, drawn
-        return z
+        return self.joined(z, 1)
+
+    def apart(self, z: Array) -> Array:
+        """x (…, walked) of all coordinates (…, ndim)."""
+        return self.joined(z, -1)[..., self.walked]
 
 
 @dataclass(frozen=True)

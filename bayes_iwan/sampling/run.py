@@ -95,8 +95,7 @@ class EnsembleRun:
         if starts.ndim != 2 or starts.shape[1] != density.ndim:
             raise SamplingError(f"starts have shape {starts.shape}; it must be (members, {density.ndim})")
         self.n_ensembles, self.walkers = n_ensembles, n_walkers
-        roots = np.broadcast_to(roots, (len(starts), *roots.shape[-2:]))
-        self._guess = guess_about(starts[:, density.walked], roots[:, density.walked])
+        self._guess = guess_about(density, starts, roots)
         self._began = time.monotonic()
         self.at: Places
         self._led: Array  # places (n, walked) that walkers were led to
@@ -126,9 +125,8 @@ class EnsembleRun:
         """Moves from what is known; they travel once to each process."""
         random = generator((self.plan.seed, 35, 2 + self.learnt))
         if self.learnt:
-            known = np.concatenate(self.z[self.learnt // 2 : self.learnt])[..., self.density.walked]
-            known = known.reshape(-1, known.shape[-1])
-            known = known[random.permutation(len(known))[:_LEARNT]]
+            known = np.concatenate(self.z[self.learnt // 2 : self.learnt]).reshape(-1, self.density.ndim)
+            known = self.density.apart(known[random.permutation(len(known))[:_LEARNT]])
         else:
             known = self._led
         try:

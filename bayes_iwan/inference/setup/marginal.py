@@ -1,35 +1,41 @@
 """The posterior with what the force is linear in integrated out in closed form, and this drawn given the others.
 
 The force is linear in the deviations of the slip forces' density (:mod:`bayes_iwan.models.embedded_error`), in the
-parallel spring's stiffness and in the force channel's zero; the likelihood is normal given its noise parameters. Let c
-be these in units of their priors' standard deviations, with normal priors at first, r the whitened residual at c = 0,
-and H its slope by c. With A = I + HᵀH,
+parallel spring's stiffness and in the force channel's zero; the likelihood is normal given its noise parameters. It is
+so in further elements, too, if k(1) and the mean slip force of the family's own elements are given: walkers move in
+these, where the long tails of the whole are none. Let c be what is linear in units of the priors' standard deviations,
+with normal priors at first, r the whitened residual at c = 0, and H its slope by c. With A = I + HᵀH,
 
     ∫ p(r − Hc) N(c) dc = p(r) · exp(½ bᵀA⁻¹b) / √|A|,      b = Hᵀr,      c | the others ~ N(A⁻¹b, A⁻¹).
 
 Where a prior π(c) is no normal one, the integral is multiplied by π(c) / N(c) at the c that was drawn. Its mean is the
 integral with π, and a walker that keeps the c it was accepted with samples the exact posterior (Andrieu & Roberts, Ann.
-Stat. 37, 2009, 697).
+Stat. 37, 2009, 697). So it is with the priors of k(1) and of the mean slip force, which are those of all elements.
 
 What remains is a broad posterior of few numbers, where the joint one is a thin curved sheet of many: the walkers of an
 ensemble sampler find their way in it by themselves.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model
-from bayes_iwan.models.embedded_error import SLIP_NAMES
-from bayes_iwan.models.iwan_parameters import slip_force_names
+from bayes_iwan.models.embedded_error import SLIP_NAMES, TAIL_NAMES, elements, friction
+from bayes_iwan.models.iwan_parameters import slip_form_names
 from bayes_iwan.models.parameter import Z_LIMIT, Parameter
 from bayes_iwan.models.simulator import FORCE_ZERO
+from bayes_iwan.sampling.blocks import Density
 
 _SPRING = "kp_N_mm"
+#: what further elements add to, and all elements' over the family's own: the mean slip force is the force of all
+#: elements, all slipping
+_ADDED_TO = {"k1_N_mm": elements, "mean_slip_force_N": friction}
 
 
 @dataclass(frozen=True)
@@ -49,10 +55,39 @@ class Marginal:
         """Places in z of what is integrated out."""
         p = self.problem
         exact = isinstance(p.model, Model) and p.model.embedded and not p.effects and p.likelihood.normal
-        names = [n for n in SLIP_NAMES if exact and n in p.names and p.prior[n].normal]
-        names += [n for n in self.also if exact and n in p.names]
         tied = {q.tied for q in p.prior.parameters}
-        return np.array([p.names.index(n) for n in names if n not in tied], dtype=np.int64)
+        free = [n for n in p.names if exact and n not in tied]
+        names = [n for n in SLIP_NAMES if n in free and p.prior[n].normal]
+        given = [q.name for q in p.prior.parameters if q.name in _ADDED_TO]
+        if not {*given, *TAIL_NAMES} <= {*free} or not {*TAIL_NAMES} <= {*names}:
+            names = [n for n in names if n not in TAIL_NAMES]
+        return np.array([p.names.index(n) for n in (*names, *(n for n in self.also if n in free))], dtype=np.int64)
+
+    @cached_property
+    def _added_to(self) -> tuple[tuple[int, Parameter, Callable[[ParameterValues], Array]], ...]:
+        """Place in z of what further elements that are drawn add to, the parameter, and by which factor."""
+        p = self.problem
+        some = not {*TAIL_NAMES}.isdisjoint(p.names[i] for i in self.drawn)
+        return tuple((p.names.index(n), p.prior[n], of) for n, of in _ADDED_TO.items() if some and n in p.names)
+
+    @property
+    def density(self) -> Density:
+        """As it is sampled."""
+        return Density(self, self.walked, self.drawn, self.blocks, self.joined)
+
+    def joined(self, z: Array, sign: int) -> Array:
+        """z (…, ndim) with k(1) and the mean slip force of all elements for those of the family's own, or (sign −1) the
+        other way."""
+        out = z.copy()
+        if self._added_to:
+            tail = self._tail(z)
+            for i, q, of in self._added_to:
+                out[..., i] = q.score(q.value(z[..., i]) * of(tail) ** sign)
+        return out
+
+    def _tail(self, z: Array) -> ParameterValues:
+        p = self.problem
+        return {n: p.prior[n].value(z[..., p.names.index(n)]) for n in TAIL_NAMES}
 
     @cached_property
     def walked(self) -> NDArray[np.int64]:
@@ -61,10 +96,10 @@ class Marginal:
 
     @cached_property
     def blocks(self) -> tuple[NDArray[np.int64], ...]:
-        """Places among those walked in: numbers of the slip forces and k(1), which have broad tails and which others
+        """Places among those walked in: numbers of the slip forces' form, which have broad tails and which others
         follow; the others of the simulator and the effects; the likelihood's."""
         p, names = self.problem, [self.problem.names[i] for i in self.walked]
-        first = {"k1_N_mm", *slip_force_names(p.model, p.scales)} if isinstance(p.model, Model) else ()
+        first = slip_form_names(p.model, p.scales) if isinstance(p.model, Model) else ()
         which = np.array([0 if n in first else 2 if n in p.noise_names else 1 for n in names])
         return tuple(np.flatnonzero(which == k) for k in range(3) if np.any(which == k))
 
@@ -77,11 +112,21 @@ class Marginal:
         log_prob, mean, root = self._integrated(z)
         unit = random.standard_normal(mean.shape)
         c = mean + np.linalg.solve(root.transpose(0, 2, 1), unit[:, :, None])[:, :, 0]
-        drawn, ratio = self._scores(c)
+        z[:, self.drawn], ratio = self._scores(c)
         with np.errstate(invalid="ignore"):
-            log_prob = log_prob + ratio
-        possible = np.isfinite(log_prob) & np.all(np.abs(drawn) <= Z_LIMIT, axis=1)  # as elsewhere
-        return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], drawn], axis=1)
+            log_prob = log_prob + ratio + self._prior_ratio(z)
+        possible = np.isfinite(log_prob) & np.all(np.abs(z[:, self.drawn]) <= Z_LIMIT, axis=1)  # as elsewhere
+        return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], z[:, self.drawn]], axis=1)
+
+    def _prior_ratio(self, z: Array) -> Array:
+        """ln of the prior density of what further elements add to, with them over without (n,), at z without; −∞ where
+        there is none."""
+        out = np.zeros(len(z))
+        for i, q, of in self._added_to:
+            value, factor = q.value(z[:, i]), of(self._tail(z))
+            with np.errstate(invalid="ignore"):
+                out += q.log_density(value * factor) + np.log(factor) - q.log_density(value)
+        return out
 
     @cached_property
     def _parameters(self) -> tuple[Parameter, ...]:

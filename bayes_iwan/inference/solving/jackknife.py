@@ -35,7 +35,7 @@ def stretched(problem: Problem, z: Array, seed: int) -> tuple[Array, float]:
     moved = np.flatnonzero([problem.names[i] not in problem.noise_names for i in marginal.walked])
     if len(problem.loops) < 2:
         return z, 1.0
-    x = z[:, marginal.walked]
+    x = marginal.density.apart(z)
     straight = Straightening.fitted(x, marginal.blocks)
     u = straight.straight(x)
     some = np.linspace(0, len(z) - 1, min(len(z), _LOOKED_AT)).astype(int)
@@ -49,8 +49,7 @@ def stretched(problem: Problem, z: Array, seed: int) -> tuple[Array, float]:
     for first in range(0, len(x), _TOGETHER):
         found[first : first + _TOGETHER] = marginal(x[first : first + _TOGETHER], random)
     possible, out = np.isfinite(found[:, 0]), z.copy()
-    out[np.ix_(possible, marginal.walked)] = x[possible]
-    out[np.ix_(possible, marginal.drawn)] = found[possible, 1:]
+    out[possible] = marginal.density.whole(x[possible], found[possible, 1:])
     return out, float(factors[-1])
 
 

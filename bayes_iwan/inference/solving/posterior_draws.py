@@ -17,7 +17,6 @@ from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.point import laplace_scale
 from bayes_iwan.models import Model
-from bayes_iwan.sampling.blocks import Density
 from bayes_iwan.sampling.chains import Chains
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import sample
@@ -26,7 +25,7 @@ from bayes_iwan.sampling.run import sample
 QUICK: dict[str, Any] = {"walkers": 64, "max_steps": 25, "ess": 0.0, "r_hat": float("inf"), "taus": 0.0}
 #: numbers of the slip forces' density: its mean and quartiles are what loops tell and what is compared, while these
 #: make up for one another in tails that are longer than effective draws could ever be enough for
-_OF_THE_DENSITY = re.compile(r"(eta|share_|slip_ratio_|slip_deviation|slip_tail|[gt])\d+(_N)?").fullmatch
+_OF_THE_DENSITY = re.compile(r"(eta|share_|slip_ratio_|slip_deviation|slip_larger|[gt])\d+(_N)?").fullmatch
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,6 @@ def first_draws(problem: Problem, optima: Array, count: int, seed: int) -> Array
 
 def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> Chains:
     """Draws of a problem's posterior, by walkers that are led there from its optima (k, ndim)."""
-    marginal = Marginal(problem)
     names, parameter_values = _unsampled(problem)
     plan = Plan(
         names=tuple(problem.names),
@@ -71,7 +69,7 @@ def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> C
         progress=run.progress,
     )
     return sample(
-        Density(marginal, marginal.walked, marginal.drawn, marginal.blocks),
+        Marginal(problem).density,
         optima,
         np.stack([laplace_scale(problem, z) for z in optima]),
         plan,
