@@ -92,9 +92,9 @@ def parallel_spring(scales: Scales) -> Parameter:
     return Parameter("kp_N_mm", "kp", "N/mm", "stiffness of the parallel spring", prior)
 
 
-def slip_form_names(model: Model, s: Scales) -> frozenset[str]:
-    """Sampled parameters of the form of the slip forces' family."""
-    return frozenset(p.name for p in _slip_parameters(slip_force.FAMILIES[model.slip], s)) - {"mean_slip_force_N"}
+def slip_force_names(model: Model, s: Scales) -> frozenset[str]:
+    """Sampled parameters of the slip forces, but for their deviations."""
+    return frozenset(p.name for p in _slip_parameters(slip_force.FAMILIES[model.slip], s))
 
 
 def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:

@@ -27,7 +27,7 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import SLIP_NAMES, TAIL_NAMES, elements, friction
-from bayes_iwan.models.iwan_parameters import slip_form_names
+from bayes_iwan.models.iwan_parameters import slip_force_names
 from bayes_iwan.models.parameter import Z_LIMIT, Parameter
 from bayes_iwan.models.simulator import FORCE_ZERO
 from bayes_iwan.sampling.blocks import Density
@@ -96,10 +96,10 @@ class Marginal:
 
     @cached_property
     def blocks(self) -> tuple[NDArray[np.int64], ...]:
-        """Places among those walked in: numbers of the slip forces' form, which have broad tails and which others
+        """Places among those walked in: numbers of the slip forces and k(1), which have broad tails and which others
         follow; the others of the simulator and the effects; the likelihood's."""
         p, names = self.problem, [self.problem.names[i] for i in self.walked]
-        first = slip_form_names(p.model, p.scales) if isinstance(p.model, Model) else ()
+        first = {"k1_N_mm", *slip_force_names(p.model, p.scales)} if isinstance(p.model, Model) else ()
         which = np.array([0 if n in first else 2 if n in p.noise_names else 1 for n in names])
         return tuple(np.flatnonzero(which == k) for k in range(3) if np.any(which == k))
 
