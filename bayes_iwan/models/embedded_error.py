@@ -36,8 +36,8 @@ CORNER_WIDTH = 0.05
 
 @dataclass(frozen=True)
 class DeviatingSlipForce:
-    """A family of slip forces whose density deviates by Σ c_k times functions of it (:func:`.series.linear_deviations`),
-    some of which are further elements.
+    """A family of slip forces whose density deviates by Σ c_k times functions of it, some of which are further elements
+    (:func:`.series.linear_deviations`).
 
     With the stiffness of the family's own elements given, the friction force is linear in c_k.
     """

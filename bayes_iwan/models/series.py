@@ -182,8 +182,8 @@ def deviating(tables: Array, top: Array, coefficients: Array) -> Array:
 def linear_deviations(tables: Array, top: Array, order: int, octaves: int = 0) -> Array:
     """What a density f is changed by for each c_k, as tables.
 
-    For k = 1 … order f times b_k(F) = π_{k+1} − r_k π_1, which keeps its integral and its mean. Polynomials of F leave a
-    tail that is thin in the family thin, so the next, as many as octaves, are the densities f_s of slip forces s = 2,
+    For k = 1 … order f times b_k(F) = π_{k+1} − r_k π_1, which keeps its integral and its mean. Polynomials of F leave
+    a tail that is thin in the family thin, so the next, as many as octaves, are the densities f_s of slip forces s = 2,
     4, … times as large: further elements.
 
     tables : (draws, cells, 4), top : (draws,) N, from a slip-force family's `table`. Returns the table itself and

@@ -21,7 +21,7 @@ def led(density, optima, roots, count=2048, late=lambda: False, seed=1):
         out, _ = advanced((between, moves, steps), (at, (seed, stage)))
         return Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
 
-    steps = list(annealed(density, guess_about(optima, roots), count, (seed,), advance, late))
+    steps = list(annealed(density, guess_about(density, optima, roots), count, (seed,), advance, late))
     return [beta for beta, _ in steps], steps[-1][1]
 
 

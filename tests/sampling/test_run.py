@@ -120,6 +120,25 @@ def test_drawn_coordinates_have_their_joint_moments_with_the_others():
     np.testing.assert_allclose(np.cov(z.T) / np.outer(sd, sd), np.linalg.inv(PRECISION) / np.outer(sd, sd), atol=0.06)
 
 
+def with_what_is_drawn(z, sign):
+    out = z.copy()
+    out[..., 1] += sign * 3.0 * z[..., 0]
+    return out
+
+
+def test_what_is_walked_in_may_be_less_than_what_is_reported(tmp_path):
+    """The second coordinate holds three times the first, which is drawn; resumed to the bit."""
+    density = Density(linear, np.array([1]), np.array([0, 2]), (np.array([0]),), with_what_is_drawn)
+    z = with_what_is_drawn(sample(density, np.zeros((1, 3)), np.eye(3), target_ess=4000).flat(), -1)
+    np.testing.assert_allclose(z.mean(axis=0), MEAN, atol=0.03)
+    np.testing.assert_allclose(np.cov(z.T), np.linalg.inv(PRECISION), atol=0.03)
+    whole = sample(density, np.zeros((1, 3)), np.eye(3), max_steps=100, **ENDLESS)
+    file = tmp_path / "chains.ckpt"
+    sample(density, np.zeros((1, 3)), np.eye(3), max_steps=50, checkpoint=file, **ENDLESS)
+    again = sample(density, np.zeros((1, 3)), np.eye(3), max_steps=100, checkpoint=file, resume=True, **ENDLESS)
+    np.testing.assert_array_equal(again.draws, whole.draws)
+
+
 def one_drawn(x, random):
     return linear(x, random, (1,))
 
