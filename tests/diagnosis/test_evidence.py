@@ -122,8 +122,9 @@ def test_the_share_of_the_discrepancy_is_between_those_that_are_as_likely(factor
 
 
 def test_distinct_optima_best_first():
-    x = np.array([[0.0, 0.0], [0.1, 0.0], [1.0, 0.0], [0.0, 5.0]])
-    np.testing.assert_array_equal(_distinct(x, np.array([1.0, 2.0, 3.0, 99.0])), x[[0, 2]])
+    """One beside the best, its mirror image, one that costs too much, and more than the four that are kept."""
+    x = np.array([[0.7, -0.4], [0.8, -0.4], [-0.7, 0.4], [0.7, 4.6], [1.7, -0.4], [2.7, -0.4], [3.7, -0.4]])
+    np.testing.assert_array_equal(_distinct(x, np.array([1.0, 2.0, 3.0, 99.0, 4.0, 5.0, 6.0])), x[[0, 2, 4, 5]])
 
 
 def test_a_large_discrepancy_does_not_lead_a_model_away_from_what_it_can_fit(measured):
