@@ -57,7 +57,15 @@ WATCHED = (
         "normal_force_slope",
         "beta",
     ),
-    *("noise_N", "noise_scale", "discrepancy_odd", "discrepancy_even", "stiffness_exponent", "slip_deviation1"),
+    *(
+        "noise_N",
+        "noise_scale",
+        "discrepancy_odd",
+        "discrepancy_even",
+        "stiffness_exponent",
+        "slip_deviation1",
+        "slip_larger4",
+    ),
 )
 
 
