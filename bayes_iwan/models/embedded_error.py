@@ -9,6 +9,7 @@ An additive discrepancy cannot do that: added to the force, it explains a loop's
 force was off by as much.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,16 +97,18 @@ class DeviatingSlipForce:
 
 def elements(values: ParameterValues) -> Array:
     """(…) all elements, or their stiffness, over the family's own; NaN where none would be left."""
-    return _positive(1.0 + sum(values[name] for name in TAIL_NAMES))
+    return _over_the_familys(values, (1,) * len(LARGER))
 
 
 def friction(values: ParameterValues) -> Array:
     """(…) force of all elements, all slipping, over that of the family's own; NaN where none would be left."""
-    return _positive(1.0 + sum(s * values[name] for s, name in zip(LARGER, TAIL_NAMES)))
+    return _over_the_familys(values, LARGER)
 
 
-def _positive(x: Array) -> Array:
-    return np.where(x > 0.0, x, np.nan)
+def _over_the_familys(values: ParameterValues, each: Sequence[int]) -> Array:
+    further = [x * values[name] for x, name in zip(each, TAIL_NAMES)]
+    whole = 1.0 + np.sum(further, axis=0)
+    return np.where(whole > 0.0, whole, np.nan)
 
 
 def corner(motion: Motion) -> Array:

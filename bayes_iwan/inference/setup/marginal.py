@@ -4,8 +4,9 @@ The force is linear in the deviations of the slip forces' density (:mod:`bayes_i
 parallel spring's stiffness and in the force channel's zero; the likelihood is normal given its noise parameters. It is
 so in further elements, too, if stiffness and mean slip force of the family's own elements are given: walkers move in
 these, and of the stiffness in that of the elements which hold beyond a small slip force. That is what loops tell, where
-k(1) has a long tail: elements that slip at once make no difference. Let c be what is linear in units of the priors' standard deviations,
-with normal priors at first, r the whitened residual at c = 0, and H its slope by c. With A = I + HᵀH,
+k(1) has a long tail: elements that slip at once make no difference. Let c be what is linear in units of the priors'
+standard deviations, with normal priors at first, r the whitened residual at c = 0, and H its slope by c. With
+A = I + HᵀH,
 
     ∫ p(r − Hc) N(c) dc = p(r) · exp(½ bᵀA⁻¹b) / √|A|,      b = Hᵀr,      c | the others ~ N(A⁻¹b, A⁻¹).
 
@@ -30,6 +31,7 @@ from bayes_iwan.models.embedded_error import SLIP_NAMES, TAIL_NAMES, elements, f
 from bayes_iwan.models.iwan_parameters import slip_force_names
 from bayes_iwan.models.parameter import Z_LIMIT, Parameter
 from bayes_iwan.models.simulator import FORCE_ZERO
+from bayes_iwan.models.slip_force import FAMILIES
 from bayes_iwan.sampling.blocks import Density
 
 _SPRING = "kp_N_mm"
@@ -72,8 +74,7 @@ class Marginal:
         return Density(self, self.walked, self.drawn, self.blocks, self.joined)
 
     def joined(self, z: Array, sign: int) -> Array:
-        """z (…, ndim) with k(1) and the mean slip force of all elements for what walkers move in, or (sign −1) the other
-        way."""
+        """z (…, ndim) with k(1) and the mean slip force of all elements for what walkers move in, or (sign −1) back."""
         out = z.reshape(-1, z.shape[-1]).copy()
         for i, q, factor in self._factors(out):
             out[:, i] = q.score(q.value(out[:, i]) * factor**sign)
@@ -83,13 +84,13 @@ class Marginal:
         """Place in z (n, ndim) of what walkers move in otherwise, the parameter, and its value (n,) over what they move
         in."""
         p = self.problem
-        if {*TAIL_NAMES}.isdisjoint(p.names[i] for i in self.drawn):
+        if {*TAIL_NAMES}.isdisjoint(p.names[i] for i in self.drawn) or not isinstance(p.model, Model):
             return []
         values = p.prior.values(z)
         factors = {n: of(values) for n, of in _ADDED_TO.items() if n in p.names}
         if "mean_slip_force_N" in factors:
             own = values | dict.fromkeys(TAIL_NAMES, np.zeros(len(z))) | {"mean_slip_force_N": np.ones(len(z))}
-            factors["k1_N_mm"] /= p.model.slip_family.base.survival(_SEEN, p.parameter_values_of(own))[:, 0]
+            factors["k1_N_mm"] /= FAMILIES[p.model.slip].survival(_SEEN, p.parameter_values_of(own))[:, 0]
         return [(p.names.index(n), p.prior[n], factor) for n, factor in factors.items()]
 
     @cached_property
@@ -122,8 +123,8 @@ class Marginal:
         return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], z[:, self.drawn]], axis=1)
 
     def _prior_ratio(self, z: Array) -> Array:
-        """ln of the prior's density over what walkers move in, over that which these have as if they were the parameters
-        (n,); NaN or −∞ where there is none."""
+        """ln of the prior's density over what walkers move in, over the one by which these were the parameters, (n,); NaN
+        or −∞ where there is none."""
         out = np.zeros(len(z))
         for i, q, factor in self._factors(z):
             value = q.value(z[:, i])
