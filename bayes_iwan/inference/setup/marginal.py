@@ -123,8 +123,8 @@ class Marginal:
         return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], z[:, self.drawn]], axis=1)
 
     def _prior_ratio(self, z: Array) -> Array:
-        """ln of the prior's density over what walkers move in, over the one by which these were the parameters, (n,); NaN
-        or −∞ where there is none."""
+        """ln of the prior's density over what walkers move in, over the one by which these were the parameters (n,); no
+        number or −∞ where there is none."""
         out = np.zeros(len(z))
         for i, q, factor in self._factors(z):
             value = q.value(z[:, i])
