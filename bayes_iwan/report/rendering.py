@@ -65,7 +65,7 @@ def drawn(orders: Mapping[Order, Figure]) -> dict[Order, Rendered]:
                 if order.files:  # a little larger than the smallest, in a third of the time
                     figure.savefig(png, format="png", dpi=DPI, pil_kwargs={"compress_level": 3})
                     keep_labels(figure)
-                    pages.savefig(figure)  # type: ignore[no-untyped-call]
+                    pages.savefig(figure)
                 pictures[order] = (svg(figure, order.name, order.alt), png.getvalue())
     pdfs = _single_pages(whole)
     return {order: Rendered(*made, next(pdfs) if order.files else b"") for order, made in pictures.items()}

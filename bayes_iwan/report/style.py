@@ -315,11 +315,11 @@ def literal(figure: Figure) -> Figure:
 
 def settle(figure: Figure) -> Figure:
     """The figure laid out once and for all: each file it is written to would else lay it out again."""
+    figure.set_dpi(DPI)
     engine = figure.get_layout_engine()
     if engine is None:
         return literal(figure)
     with mpl.rc_context(RC):
-        figure.set_dpi(DPI)
         try:
             engine.execute(figure)
         except ValueError:  # of a text that only resembles mathematics
@@ -332,8 +332,8 @@ def settle(figure: Figure) -> Figure:
 
 
 def keep_labels(figure: Figure) -> None:
-    """Labels beside their ticks and titles above them stay where a figure was drawn with them, for every resolution:
-    each file would else look for their places anew."""
+    """Labels beside their ticks and titles above them stay where a figure was drawn with them last, at its own
+    resolution: each file would else look for their places anew."""
     for axes in figure.axes:
         axes._autotitlepos = False  # type: ignore[attr-defined]  # no public way keeps the titles' own letters
         for axis in (axes.xaxis, axes.yaxis):

@@ -16,7 +16,7 @@ from bayes_iwan.report.style import RC
 
 _FONT = "'DejaVu Sans', 'Verdana', sans-serif"
 #: names that nothing refers to, turns by nothing, the font that the whole <svg> has, space between elements
-_UNSEEN = re.compile(
+_SPARE = re.compile(
     rf'(?<=<g) id="[^"]*"| id="image[^"]*"| transform="rotate\(-0 [^"]*"|(?<=; )font-family: {_FONT}; |(?<=>)\s+(?=<)'
 )
 #: colours that the pages' style names
@@ -36,7 +36,7 @@ def svg(figure: Figure, name: str, alt: str) -> Markup:
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     head, _, text = buffer.getvalue().partition("</metadata>")
     box = re.findall(r'viewBox="([^"]*)"', head)[0]
-    text = _UNSEEN.sub("", text)
+    text = _SPARE.sub("", text)
     text = re.sub(r' (x|y|width|height)="(-?\d+\.\d{2,})"', lambda m: f' {m[1]}="{float(m[2]):.1f}"', text)
     text = re.sub(r'(?<= d=")[^"]*', lambda m: _path(m[0]), text)
     card = 'class="card" '
