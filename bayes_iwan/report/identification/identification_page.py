@@ -23,8 +23,7 @@ from bayes_iwan.report.identification import (
 from bayes_iwan.report.identification.by_frequency import frequencies_table
 from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.identification.summary import Answer, Determined, Identified, IdentifiedSection
-from bayes_iwan.report.identification.where_gap import regions_finding
+from bayes_iwan.report.identification.summary import Answer, Determined, Identified, IdentifiedSection, regions_finding
 from bayes_iwan.report.page import Finding, Page, provenance
 from bayes_iwan.report.rendering import Renderer
 from bayes_iwan.report.style import house_style
