@@ -7,7 +7,7 @@ __all__ = [
     "read_campaign", "settings_of", "simulate_campaign", "sine_motion", "write", "write_campaign",
 ]  # fmt: skip
 
-from .api import Check, check, compare, demo, diagnose, identify, load, write
+from .api import Check, check, compare, diagnose, identify, load, write
 from .campaign import Campaign, CampaignError, Loop, Record, read_campaign, write_campaign
 from .comparison.families import Comparison
 from .diagnosis.answer.result import Diagnosis
@@ -22,5 +22,5 @@ from .models import Model, Motion, Parameter, Scales, Simulator, sine_motion
 from .report import plot
 from .report.batch.batch_run import batch
 from .report.cite import cite
-from .virtual_rig.planning import VirtualCampaign, simulate_campaign
+from .virtual_rig.planning import VirtualCampaign, demo, simulate_campaign
 from .virtual_rig.simulate import PlannedTest

@@ -27,7 +27,6 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.models import Simulator
 from bayes_iwan.report import accessors as accessors  # gives posteriors their plots
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
-from bayes_iwan.virtual_rig.planning import demo as demo
 
 if TYPE_CHECKING:  # each function imports the folders that it needs itself: together they take a second
     from bayes_iwan.comparison.families import Comparison
@@ -35,7 +34,7 @@ if TYPE_CHECKING:  # each function imports the folders that it needs itself: tog
     from bayes_iwan.effects.base import Effect
     from bayes_iwan.export.json_file import ExportedModel
 
-__all__ = ["Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"]
+__all__ = ["Check", "check", "compare", "diagnose", "identify", "load", "write"]
 PathLike = str | os.PathLike[str]
 
 

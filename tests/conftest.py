@@ -152,7 +152,7 @@ os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
 def no_figure_files():
     """Pages without the files of their figures, which cost more than most tests of what else is on a page."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, "FILES", ())
+        patch.setattr(page, "FILES", False)
         yield
 
 
@@ -161,19 +161,19 @@ def no_pictures(no_figure_files):
     """Pages with their words and tables, figures made but not drawn: half a page's time, for tests of other things.
     Gives the line that does it in a child."""
     with pytest.MonkeyPatch.context() as patch:
-        nothing = rendering.Rendered(Markup("<svg></svg>"), b"")
-        patch.setattr(rendering.Batch, "draw", lambda self, order, figure: nothing)
-        patch.setattr(rendering, "_Aside", lambda: None)  # the second process would draw
+        nothing = rendering.Rendered(Markup("<svg></svg>"))
+        patch.setattr(rendering.Renderer, "rendered", lambda self, order: nothing)
+        patch.setattr(rendering, "_start", lambda: None)  # no second process for nothing
         yield (
-            "from bayes_iwan.report import rendering as r; r._Aside = lambda: None; "
-            "r.Batch.draw = lambda *_: r.Rendered(r.Markup('<svg></svg>'), b'')"
+            "from bayes_iwan.report import rendering as r; r._start = lambda: None; "
+            "r.Renderer.rendered = lambda *_: r.Rendered(r.Markup('<svg></svg>'))"
         )
 
 
 @pytest.fixture
 def figure_files(monkeypatch):
     """Pages write their figures as they do for a user."""
-    monkeypatch.setattr(page, "FILES", ("png", "pdf"))
+    monkeypatch.setattr(page, "FILES", True)
 
 
 # ---- campaigns and diagnoses of the gap ----

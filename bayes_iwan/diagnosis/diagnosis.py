@@ -17,7 +17,7 @@ from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
 from bayes_iwan.diagnosis.answer.imitation import edges_of, imitations, said_in_text
-from bayes_iwan.diagnosis.answer.localisation import Located, ProgressListener, located, where
+from bayes_iwan.diagnosis.answer.localisation import Located, located, where
 from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
 from bayes_iwan.diagnosis.answer.result import Diagnosis, EffectParameter, Moved
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
@@ -77,7 +77,6 @@ def diagnose_loops(
     constants: Calibration | None = None,
     report: Report = silent,
     workers: Workers = None,
-    listener: ProgressListener | None = None,
 ) -> Diagnosis:
     """Diagnose averaged loops. The answer does not depend on how many processes or threads there are.
 
@@ -95,8 +94,8 @@ def diagnose_loops(
         effects of a user's own.
     constants
         another calibration than the shipped one.
-    report, listener
-        called as the search goes on, and at its stages.
+    report
+        called as the search goes on.
 
     Returns
     -------
@@ -117,7 +116,7 @@ def diagnose_loops(
     >>> bi.diagnose_loops(read.campaign, read.loops, seed=1, quick=True).verdict.names
     ()
     """
-    settings, listener = settings or DiagnoseSettings(), listener or ProgressListener()
+    settings = settings or DiagnoseSettings()
     if not campaign.clock and simulator is None:
         settings = replace(settings, model=settings.model.without_speed)
     fitted = list(fitted_loops(loops))
@@ -126,9 +125,7 @@ def diagnose_loops(
     with opened(workers, along=True, needs=NEEDS) as executor, linear_algebra().limit(limits=1):
         data = gap_data(fitted)
         search = searched(data, settings, seed, extra, simulator, report, executor)
-        listener.searched()
         gap = located(campaign, search, seed)
-        listener.located(gap)
         found = weighed(search, seed)
         report("weighing causes")
         verdict = verdict_of(found, constants or calibration(), held_out)
@@ -328,7 +325,6 @@ def diagnose_campaign(
     simulator: Simulator | str | os.PathLike[str] | None = None,
     progress: bool = True,
     workers: Workers = None,
-    listener: ProgressListener | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign, or its folder.
 
@@ -348,7 +344,7 @@ def diagnose_campaign(
         loops = read.loops(**LOOPS)
         return diagnose_loops(
             read, loops, seed=seed, quick=quick, settings=settings, extra=extra, simulator=model, report=report,
-            workers=workers, listener=listener,
+            workers=workers,
         )  # fmt: skip
 
 

@@ -30,8 +30,8 @@ from bayes_iwan.screen import on_screen, table
 
 #: pixels an inch of a figure takes on a screen: its smallest letters are then as large as small print
 PIXELS = 112
-#: what every figure is written as beside the page
-FILES = ("png", "pdf")
+#: is every figure written as PNG and as PDF beside the page?
+FILES = True
 Text = TypeVar("Text", str, Markup)
 Results = TypeVar("Results", covariant=True)
 
@@ -169,7 +169,7 @@ class Body:
         order, phone, renderer = Order(number, self._said(alt), FILES), None, self.page.renderer
         renderer.order(order, figure)
         if isinstance(figure, Shown) and figure.for_phone is not None:
-            again, phone = figure.for_phone(), Order(f"{number}-phone", self._said(alt), ())
+            again, phone = figure.for_phone(), Order(f"{number}-phone", self._said(alt), False)
             relabel(again, self.page.units)
             renderer.order(phone, again)
         picture = Picture(figure, self._said(caption), name or number, order, renderer, phone)
@@ -281,12 +281,9 @@ class Page:
             if old.stem not in pictures:
                 old.unlink()
         for name, picture in pictures.items():
-            if "png" in picture.order.files:
+            if picture.order.files:
                 write_whole(folder / f"{name}.png", picture.rendered.png)
-        pdfs = self.renderer.pdfs()
-        for name, picture in pictures.items():
-            if picture.order.name in pdfs:
-                write_whole(folder / f"{name}.pdf", pdfs[picture.order.name])
+                write_whole(folder / f"{name}.pdf", picture.rendered.pdf)
         return write_whole(path, self.html(path.stem).translate(_CONTROL))
 
 

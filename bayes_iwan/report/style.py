@@ -314,26 +314,31 @@ def literal(figure: Figure) -> Figure:
 
 
 def settle(figure: Figure) -> Figure:
-    """The figure laid out once and for all: each file it is written to would else lay it out again, and look anew for
-    the place of every label beside its ticks and of every title above them."""
-    engine = literal(figure).get_layout_engine()
+    """The figure laid out once and for all: each file it is written to would else lay it out again."""
+    figure.set_dpi(DPI)
+    engine = figure.get_layout_engine()
     if engine is None:
-        return figure
+        return literal(figure)
     with mpl.rc_context(RC):
-        figure.set_dpi(DPI)
-        engine.execute(figure)
+        try:
+            engine.execute(figure)
+        except ValueError:  # of a text that only resembles mathematics
+            engine.execute(literal(figure))
         if _labels_shortened(figure):
             engine.execute(figure)
         with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
             figure.set_layout_engine(None)  # "none" would leave one in its place, for which every file is drawn twice
-        for axes in figure.axes:
-            axes.get_tightbbox(bbox_extra_artists=[])  # puts labels and titles where they belong
-        for axes in figure.axes:
-            axes._autotitlepos = False  # type: ignore[attr-defined]  # no public way keeps the titles' own letters
-            for axis in (axes.xaxis, axes.yaxis):  # in shares of the axes, which hold for every resolution
-                place = axis.label.get_transform().transform(axis.label.get_position())
-                axis.set_label_coords(*axes.transAxes.inverted().transform(place))
     return figure
+
+
+def keep_labels(figure: Figure) -> None:
+    """Labels beside their ticks and titles above them stay where a figure was drawn with them last, at its own
+    resolution: each file would else look for their places anew."""
+    for axes in figure.axes:
+        axes._autotitlepos = False  # type: ignore[attr-defined]  # no public way keeps the titles' own letters
+        for axis in (axes.xaxis, axes.yaxis):
+            place = axis.label.get_transform().transform(axis.label.get_position())
+            axis.set_label_coords(*axes.transAxes.inverted().transform(place))
 
 
 def _labels_shortened(figure: Figure) -> bool:

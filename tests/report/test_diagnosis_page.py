@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import bayes_iwan as bi
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.campaign.recording.units import Units
-from bayes_iwan.diagnosis.answer.localisation import Located, Statistic
+from bayes_iwan.diagnosis.answer.localisation import Statistic
 from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.assessment.budget import Kind, OneOf
 from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling
@@ -27,7 +27,6 @@ from bayes_iwan.report.diagnosis import diagnosis_files, diagnosis_page, gap_fig
 from bayes_iwan.report.diagnosis.diagnosis_page import write_diagnosis_page
 from bayes_iwan.report.diagnosis.gap_figures import GapPictures
 from bayes_iwan.report.page import provenance
-from bayes_iwan.report.rendering import Batch, Renderer
 
 from .layout import Outline
 
@@ -360,31 +359,6 @@ def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_
     with pytest.raises(KeyboardInterrupt):
         bi.write(found, out)
     assert not [x.name for x in out.iterdir() if x.suffix in (".json", ".html") and x.name != RECORD]
-
-
-def test_what_is_drawn_ahead_of_the_verdict_changes_no_file(tmp_path, found, monkeypatch, figure_files):
-    """The gap's own figures are ordered while causes are weighed, and drawn once: as the page would have had them."""
-    made = diagnosis_files.provenance(found.campaign, found.seed)
-    monkeypatch.setattr(diagnosis_files, "provenance", lambda *a: made)  # the minute may turn between the two pages
-    bi.write(found, tmp_path / "after")
-    drawn, draw = [], Batch.draw
-    monkeypatch.setattr(
-        Batch, "draw", lambda batch, order, figure: drawn.append(order.name) or draw(batch, order, figure)
-    )
-    monkeypatch.setattr(diagnosis_files, "shared", lambda busy: Renderer())
-    ahead = diagnosis_files.Ahead()
-    ahead.searched()
-    ahead.located(Located(found.campaign, found.residual, found.before, found.where))
-    early = {order.name for order in ahead.renderer._ordered}
-    (tmp_path / "ahead").mkdir()
-    diagnosis_files._write(found, tmp_path / "ahead", ahead)
-    assert len(early) >= 5 and early < set(drawn) and len(drawn) == len(set(drawn))
-    written = {f.relative_to(tmp_path / "ahead") for f in (tmp_path / "ahead").rglob("*") if f.is_file()}
-    after = {f.relative_to(tmp_path / "after") for f in (tmp_path / "after").rglob("*") if f.is_file()}
-    assert written == {f for f in after if f.name != RECORD}
-    for name in written:
-        if name.suffix in (".html", ".png", ".json"):  # a PDF's letters hang on which process drew it
-            assert (tmp_path / "ahead" / name).read_bytes() == (tmp_path / "after" / name).read_bytes(), name
 
 
 def test_one_figure_of_a_diagnosis_takes_style_width_and_axes(found):

@@ -18,8 +18,6 @@ from bayes_iwan.report.page import Page
 from bayes_iwan.report.rendering import Order, Renderer
 from bayes_iwan.report.style import subplots
 
-FILES = ("png", "pdf")
-
 
 def figures():
     for i in range(3):
@@ -28,7 +26,13 @@ def figures():
         axes[0, 0].set_xlabel(f"displacement {i} (mm)")
         axes[0, 1].set_title("α", loc="left")
         axes[0, 0].legend()
-        yield Order(f"figure-{i}", f"picture {i}", FILES), figure
+        yield Order(f"figure-{i}", f"picture {i}", True), figure
+
+
+@pytest.fixture(autouse=True)
+def two_threads(monkeypatch):
+    """A second process is begun where this one may use more than one thread."""
+    monkeypatch.setattr(rendering.nb, "get_num_threads", lambda: 2)
 
 
 def drawn(renderer, pairs):
@@ -36,24 +40,23 @@ def drawn(renderer, pairs):
     for order, figure in pairs:
         renderer.order(order, figure)
         orders.append(order)
-    return [renderer.rendered(o) for o in orders], renderer.pdfs()
+    return [renderer.rendered(o) for o in orders]
 
 
 def same(one, other):
-    (pictures, pdfs), (again, pdfs_again) = one, other
-    assert pictures == again
-    assert set(pdfs) == set(pdfs_again) == {f"figure-{i}" for i in range(len(pictures))}
-    for name in pdfs:
-        a, b = (PdfReader(io.BytesIO(x[name])).pages[0] for x in (pdfs, pdfs_again))
+    assert [(x.svg, x.png) for x in one] == [(x.svg, x.png) for x in other] and len(one) == len(other)
+    for x, again in zip(one, other):
+        a, b = (PdfReader(io.BytesIO(content)).pages[0] for content in (x.pdf, again.pdf))
         assert a.get_contents().get_data() == b.get_contents().get_data() and "mm" in a.extract_text()
 
 
-@pytest.mark.parametrize("busy", [0, 100])  # shared, and all in the second process
-def test_a_second_process_draws_the_same(busy):
+def test_a_second_process_draws_the_same(monkeypatch):
+    asked, draw = [], rendering.drawn
+    monkeypatch.setattr(rendering, "drawn", lambda orders: asked.append(len(orders)) or draw(orders))
     with mpl.rc_context({"lines.solid_capstyle": "round"}):  # the caller's settings are the second process's too
-        there = Renderer(aside=True, busy=busy)
-        same(drawn(there, figures()), drawn(Renderer(), figures()))
-    assert there._aside is not None  # it did not fall back on this one
+        there = drawn(Renderer(aside=True), figures())
+        assert asked == [2]  # of three
+        same(there, drawn(Renderer(), figures()))
 
 
 def test_the_same_files_in_every_run():
@@ -103,7 +106,7 @@ def test_no_label_is_cut_off_in_the_files():
     figure, axes = subplots(1, 1, 4, 2)
     axes[0, 0].barh([0, 1], [0.2, 0.9])
     axes[0, 0].set_yticks([0, 1], ["unknown: something else is there", "none: the model suffices"])
-    order = Order("bars", "bars", ("png",))
+    order = Order("bars", "bars", True)
     renderer = Renderer()
     renderer.order(order, figure)
     with Image.open(io.BytesIO(renderer.rendered(order).png)) as picture:

@@ -3,7 +3,6 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import minimum_filter1d
-from scipy.signal import correlate
 
 from bayes_iwan.arrays import Array
 
@@ -76,6 +75,8 @@ def _mostly_gaps(time_s: Array, one: float) -> bool:
 def _unlike(time_s: Array, values: Array, one: float) -> tuple[Array, Array]:
     """Lags (s), POINTS to a cycle of `one` or as fine as the samples, and the mean square of a signal (n,) less itself
     so much later, over that of two without relation."""
+    from scipy.signal import correlate  # takes half a second, and most records are of single sines
+
     n = max(time_s.size, int(POINTS * (time_s[-1] - time_s[0]) / one))
     even = CubicSpline(time_s, values)(np.linspace(time_s[0], time_s[-1], n))
     even -= even.mean()

@@ -343,14 +343,3 @@ def located(campaign: Campaign, search: Search, seed: int) -> Located:
     """The gap of a finished search's base."""
     residual = residual_of(search.data, in_newtons(search.data, search.base))
     return Located(campaign, residual, gap_size(residual, seed), where(residual, seed))
-
-
-class ProgressListener:
-    """Called at a diagnosis' stages, so that others can begin on what is known: what is drawn of the gap needs no
-    verdict. This one does nothing."""
-
-    def searched(self) -> None:
-        """No other process has anything left to do."""
-
-    def located(self, found: Located) -> None:
-        """The gap is known; causes are weighed next."""

@@ -13,8 +13,6 @@ from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.folders.folder import folder_of
 from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
 from bayes_iwan.diagnosis.answer.localisation import (
-    Located,
-    ProgressListener,
     along_cycle,
     of_blocks,
     right_model_of_blocks,
@@ -27,32 +25,12 @@ from bayes_iwan.diagnosis.fits.residuals import ALONG
 from bayes_iwan.files import clear, results_folder
 from bayes_iwan.report.diagnosis import budget_figures
 from bayes_iwan.report.diagnosis.budget_figures import CycleResidual
-from bayes_iwan.report.diagnosis.diagnosis_page import order_ahead, write_diagnosis_page
+from bayes_iwan.report.diagnosis.diagnosis_page import write_diagnosis_page
 from bayes_iwan.report.diagnosis.gap_figures import GapPictures, figures_of_gap
 from bayes_iwan.report.page import provenance
-from bayes_iwan.report.rendering import Renderer, shared
+from bayes_iwan.report.rendering import Renderer
 from bayes_iwan.report.style import house_style
 from bayes_iwan.report.viewer import effect_viewer_data
-
-#: work of drawing (:func:`bayes_iwan.report.rendering.shared`) that takes about as long as weighing causes
-WEIGHING = 11
-
-
-class Ahead(ProgressListener):
-    """Draws the gap's own figures in a second process while causes are weighed here."""
-
-    def __init__(self) -> None:
-        self.renderer = Renderer()
-        self.figures: dict[str, Figure] = {}
-
-    def searched(self) -> None:
-        self.renderer = shared(busy=WEIGHING)
-
-    @house_style()
-    def located(self, found: Located) -> None:
-        gap = GapPictures(found.residual.data.loops, found.where, found.size)
-        self.figures = {name: draw() for name, draw in figures_of_gap(gap).items()}
-        order_ahead(self.figures, found.campaign.units, self.renderer)
 
 
 def figures_of_diagnosis(found: Diagnosis) -> dict[str, Callable[[], Figure]]:
@@ -100,27 +78,24 @@ def write_diagnosis(
 ) -> Diagnosis:
     """Diagnose a campaign and write everything into `out`; options as for
     :func:`bayes_iwan.diagnosis.diagnosis.diagnose_campaign`."""
-    ahead = Ahead()
     with results_folder(out, "diagnose", folder_of(campaign), overwrite=overwrite) as folder:
-        found = diagnose_campaign(campaign, **options, listener=ahead)
-        _write(found, folder, ahead)
+        found = diagnose_campaign(campaign, **options)
+        _write(found, folder)
     return found
 
 
 def write_found(found: Diagnosis, out: Path, overwrite: bool = False) -> Path:
     """Write a diagnosis that was made before; returns the page."""
     with results_folder(out, "diagnose", found.campaign.path, overwrite=overwrite) as folder:
-        ahead = Ahead()
-        ahead.searched()
-        return _write(found, folder, ahead)
+        return _write(found, folder)
 
 
 @house_style()
-def _write(found: Diagnosis, folder: Path, ahead: Ahead) -> Path:
-    # in N and mm: the page puts its units into them
-    figures = {name: ahead.figures.get(name) or draw() for name, draw in figures_of_diagnosis(found).items()}
+def _write(found: Diagnosis, folder: Path) -> Path:
+    renderer = Renderer(aside=True)
+    figures = {name: draw() for name, draw in figures_of_diagnosis(found).items()}  # in N and mm: the page relabels
     clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")
     made, viewer = provenance(found.campaign, found.seed), effect_viewer_data(found) if found.verdict.causes else None
-    page = write_diagnosis_page(found, figures, folder / "diagnosis.html", made, ahead.renderer, viewer)
+    page = write_diagnosis_page(found, figures, folder / "diagnosis.html", made, renderer, viewer)
     write_answer(found, folder)  # last: where it stands, all of them do
     return page

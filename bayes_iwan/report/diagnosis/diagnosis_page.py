@@ -4,11 +4,9 @@ import os
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from types import SimpleNamespace
 
 from matplotlib.figure import Figure
 
-from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.diagnosis.answer import sentences, wording
 from bayes_iwan.diagnosis.answer.diagnosis_json import FITTED, INVISIBLE, ceiling_shrink
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
@@ -105,12 +103,6 @@ class Where(DiagnosedSection):
         ]
 
 
-class GapFigures(Section[object]):
-    """The figures of `Where`, which are ordered before there is a diagnosis."""
-
-    heading, template = Where.heading, Where.template
-
-
 class Which(DiagnosedSection):
     heading = "Which cause"
 
@@ -189,12 +181,6 @@ class Settings(DiagnosedSection):
 
 def _yes(yes: bool) -> str:
     return "yes" if yes else "no"
-
-
-def order_ahead(figures: Mapping[str, Figure], units: Units, renderer: Renderer) -> None:
-    """Order the gap's own figures as the page will, before there is a diagnosis."""
-    known_by_then = SimpleNamespace(figures=figures)
-    Page("", units=units, renderer=renderer).add(GapFigures(known_by_then))
 
 
 def write_diagnosis_page(

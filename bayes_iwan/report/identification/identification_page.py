@@ -23,10 +23,9 @@ from bayes_iwan.report.identification import (
 from bayes_iwan.report.identification.by_frequency import frequencies_table
 from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.identification.summary import Answer, Determined, Identified, IdentifiedSection
-from bayes_iwan.report.identification.where_gap import regions_finding
+from bayes_iwan.report.identification.summary import Answer, Determined, Identified, IdentifiedSection, regions_finding
 from bayes_iwan.report.page import Finding, Page, provenance
-from bayes_iwan.report.rendering import shared
+from bayes_iwan.report.rendering import Renderer
 from bayes_iwan.report.style import house_style
 from bayes_iwan.report.viewer import viewer_data
 
@@ -177,7 +176,7 @@ def identification_report(
         f"The numbers of this page are in summary.csv and tables/, its draws in posterior.nc. Made with {made_with}."
     )
     made, units = provenance(posterior.campaign, posterior.seed), posterior.problem.units
-    page = Page(f"{what} of {posterior.name}", _subtitle(posterior), footer, units, made, shared(busy=55))
+    page = Page(f"{what} of {posterior.name}", _subtitle(posterior), footer, units, made, Renderer(aside=True))
     page.add(Answer(r), Determined(r), Loops(r))
     if r.iwan:
         page.add(Laws(r))
