@@ -3,13 +3,14 @@
     python analyses/mutation_score.py models --mutants 30 --seed 1 --out runs/mutants_models.json
 
 A mutant is the package with one operator, comparison, number or condition changed. It runs in a copy of the repository
-against the tests that run its line, those of the file of its own name first, then the quickest, up to the first that
-fails or to `--seconds` of tests (the rest might catch more). What takes ten times as long as the unchanged code and two
-minutes more is caught too (an endless loop). Which tests run a line, and how long they take, is found by one run of
-each file of tests, which is kept in `--kept` until the folder or that file changes; tests that do not pass then (time
-budgets on a busy machine) are left out and named. Code that Numba compiles, whose lines nobody counts, and what runs on
-import are tried against all tests, with a cache less what was compiled from that code. Texts, types, decorators,
-messages and seeds are not changed. Survivors are printed with their line, so that a test can be written for each.
+against the tests that run its line, those of the file of its own name first, then those that run some line of its file,
+the quickest first, up to the first that fails or to `--seconds` of tests (the rest might catch more). What takes ten
+times as long as the unchanged code and two minutes more is caught too (an endless loop). Which tests run a line, and
+how long they take, is found by one run of each file of tests, which is kept in `--kept` until the folder or that file
+changes; tests that do not pass then (time budgets on a busy machine) are left out and named. Code that Numba compiles,
+whose lines nobody counts, and what runs on import are tried against all tests, with a cache less what was compiled from
+that code. Texts, types, decorators, messages and seeds are not changed. Survivors are printed with their line, so that
+a test can be written for each.
 """
 
 from __future__ import annotations
@@ -278,7 +279,8 @@ def main() -> None:
         these = set().union(*(ran.get(path, {}).get(n, ()) for n in statement_lines(text, mutant.line)))
         compiled = runs_compiled(text, mutant.line, imported="" in these)
         run = set(took) if compiled or "" in these else these & took.keys()
-        some = sorted(run, key=lambda t: (f"/test_{path.stem}.py::" not in t, took[t]))
+        near = set().union(*ran.get(path, {}).values())
+        some = sorted(run, key=lambda t: (f"/test_{path.stem}.py::" not in t, t not in near, took[t]))
         some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), args.seconds) + 1]
         passed, seconds = True, 0.0
         if some:

@@ -121,11 +121,15 @@ def test_a_force_that_keeps_its_sign_holds_the_specimen_at_one_end_of_the_play(s
     effect = mounting.FreePlay(kit.scales)
     motion = sine_motion(frequency_hz=HZ, amplitude_mm=AMPLITUDE, samples=64)
 
+    asked = []
+
     def preloaded(at, some=None):
+        asked.append(at)
         return sign * 0.05 + 0.01 * at.displacement_mm
 
     found = effect.around(preloaded, motion, effect.values_at(play_mm=0.2, softness=1e-6))
     np.testing.assert_allclose(found, sign * 0.05 + 0.01 * (motion.displacement_mm - sign * 0.1), rtol=1e-12)
+    assert len(asked) == 2  # for the sign, and at the end: there is nothing to solve
 
 
 @pytest.mark.parametrize("kind", mounting.EFFECTS)
