@@ -9,7 +9,7 @@ An additive discrepancy cannot do that: added to the force, it explains a loop's
 force was off by as much.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,17 +95,17 @@ class DeviatingSlipForce:
         return self.base.mean(parameter_values) * friction(parameter_values) / elements(parameter_values)
 
 
-def elements(values: ParameterValues) -> Array:
+def elements(values: Mapping[str, Array]) -> Array:
     """(…) all elements, or their stiffness, over the family's own; NaN where none would be left."""
     return _over_the_familys(values, (1,) * len(LARGER))
 
 
-def friction(values: ParameterValues) -> Array:
+def friction(values: Mapping[str, Array]) -> Array:
     """(…) force of all elements, all slipping, over that of the family's own; NaN where none would be left."""
     return _over_the_familys(values, LARGER)
 
 
-def _over_the_familys(values: ParameterValues, each: Sequence[int]) -> Array:
+def _over_the_familys(values: Mapping[str, Array], each: Sequence[int]) -> Array:
     further = [x * values[name] for x, name in zip(each, TAIL_NAMES)]
     whole = 1.0 + np.sum(further, axis=0)
     return np.where(whole > 0.0, whole, np.nan)

@@ -148,8 +148,7 @@ def model_values(model: Model, values: Mapping[str, Array]) -> ParameterValues:
         out["stiffness_ratio"] = stiffness.ratio_of_elasticity(v["elasticity"])
     family = slip_force.FAMILIES[model.slip]
     if "mean_slip_force_N" in v:  # of the family's own elements
-        more = embedded_error.friction(v) / embedded_error.elements(v) if model.embedded else 1.0
-        mean = v["mean_slip_force_N"] / more
+        mean = v["mean_slip_force_N"] / _mean_ratio(v)
     if isinstance(family, slip_force.Gammas):
         n = family.components
         remaining = np.ones_like(mean)
@@ -193,8 +192,15 @@ def sampled_values(model: Model, parameter_values: Mapping[str, Array]) -> Param
                 out[f"share_{i}"] = g[:, i - 1] / remaining
                 remaining = remaining - g[:, i - 1]
     if isinstance(family, slip_force.Gammas) or family.name == "uniform":
-        out["mean_slip_force_N"] = model.slip_family.mean(parameter_values)
+        out["mean_slip_force_N"] = family.mean(parameter_values) * _mean_ratio(parameter_values)
     return out
+
+
+def _mean_ratio(values: Mapping[str, Array]) -> Array | float:
+    """Mean slip force of all elements over that of the family's own; 1 where no value names further ones."""
+    if embedded_error.TAIL_NAMES[0] not in values:
+        return 1.0
+    return embedded_error.friction(values) / embedded_error.elements(values)
 
 
 def paper_values(model: Model, parameter_values: Mapping[str, Array]) -> ParameterValues:
