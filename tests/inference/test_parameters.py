@@ -120,13 +120,16 @@ def test_sampled_values_and_model_numbers_are_inverse(known, slip):
 
 
 def test_mixtures_keep_scale_and_order(problem):
-    """Σg = 1, the components' means rise, and Σ gᵢtᵢηᵢ is the sampled mean slip force, whatever z."""
+    """Σg = 1, the components' means rise, and Σ gᵢtᵢηᵢ is the sampled mean slip force less what further elements, with
+    slip forces twice and four times as large, make of it, whatever z."""
     z = problem.prior.draw(np.random.default_rng(3), 500)
     n, v = problem.parameter_values(z), problem.prior.values(z)
     g, t, eta = (np.stack([n[f"{p}{i}{u}"] for i in (1, 2, 3)]) for p, u in (("g", ""), ("t", "_N"), ("eta", "")))
     np.testing.assert_allclose(g.sum(axis=0), 1.0)
     assert np.all(np.diff(t * eta, axis=0) > 0)
-    np.testing.assert_allclose((g * t * eta).sum(axis=0), v["mean_slip_force_N"])
+    twice, four_times = v["slip_larger2"], v["slip_larger4"]
+    ratio = (1.0 + 2.0 * twice + 4.0 * four_times) / (1.0 + twice + four_times)
+    np.testing.assert_allclose(ratio * (g * t * eta).sum(axis=0), v["mean_slip_force_N"])
 
 
 @pytest.fixture(scope="module")
