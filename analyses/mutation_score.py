@@ -3,13 +3,14 @@
     python analyses/mutation_score.py models --mutants 30 --seed 1 --out runs/mutants_models.json
 
 A mutant is the package with one operator, comparison, number or condition changed. It runs in a copy of the repository
-against the tests that run its line, those of the file of its own name first, then the quickest, up to the first that
-fails or to `--seconds` of tests (the rest might catch more). What takes ten times as long as the unchanged code and two
-minutes more is caught too (an endless loop). Which tests run a line, and how long they take, is found by one run of
-each file of tests, which is kept in `--kept` until the package or that file changes; tests that do not pass then (time
-budgets on a busy machine) are left out and named. Code that Numba compiles, whose lines nobody counts, and what runs on
-import are tried against all tests, with a cache less what was compiled from that code. Texts, types, decorators,
-messages and seeds are not changed. Survivors are printed with their line, so that a test can be written for each.
+against the tests that run its line, those of the file of its own name first, then those that run some line of its file,
+the quickest first, up to the first that fails or to `--seconds` of tests (the rest might catch more). What takes ten
+times as long as the unchanged code and two minutes more is caught too (an endless loop). Which tests run a line, and
+how long they take, is found by one run of each file of tests, which is kept in `--kept` until the folder or that file
+changes; tests that do not pass then (time budgets on a busy machine) are left out and named. Code that Numba compiles,
+whose lines nobody counts, and what runs on import are tried against all tests, with a cache less what was compiled from
+that code. Texts, types, decorators, messages and seeds are not changed. Survivors are printed with their line, so that
+a test can be written for each.
 """
 
 from __future__ import annotations
@@ -190,18 +191,19 @@ def digest(files: Iterable[Path]) -> str:
     return hashlib.sha256(b"".join(f.read_bytes() for f in sorted(files))).hexdigest()[:12]
 
 
-def what_runs_what(home: Path, folder: str, file: Path) -> tuple[Lines, dict[str, float]]:
+def what_runs_what(home: Path, numba_cache: Path, folder: str, file: Path) -> tuple[Lines, dict[str, float]]:
     """By file and line the tests of a file that run it, "" where it is imported, and the seconds of each test, by its
     place as pytest names it; from the run that is kept on disk, or a new one."""
     lines: Lines = {}
     took: dict[str, float] = {}
-    kept = home / f"{folder}-{file.stem}-{digest([*(home / 'copy/tests').rglob('conftest.py'), file])}"
+    asked = [*(home / "copy/bayes_iwan" / folder).rglob("*.py"), *(home / "copy/tests").rglob("conftest.py"), file]
+    kept = home / f"{folder}-{file.stem}-{digest(asked)}"
     coverage, report = kept.with_suffix(".coverage"), kept.with_suffix(".xml")
     if not report.exists():
         os.environ["COVERAGE_FILE"] = str(coverage)
         which = (f"--cov=bayes_iwan/{folder}", "--cov-context=test", "--cov-report=", f"--junitxml={report}")
         print(f"{file.name} on the unchanged code", file=sys.stderr)
-        run_tests(home / "copy", home / "numba", [str(file), "--maxfail=1000"], 7200.0, *which)
+        run_tests(home / "copy", numba_cache, [str(file), "--maxfail=1000"], 7200.0, *which)
     for case in ElementTree.parse(report).iter("testcase"):
         place = f"{case.attrib['classname'].replace('.', '/')}.py::{case.attrib['name']}"
         if {"failure", "error", "skipped"} & {x.tag for x in case}:
@@ -216,19 +218,19 @@ def what_runs_what(home: Path, folder: str, file: Path) -> tuple[Lines, dict[str
     return lines, took
 
 
-def cache_without(home: Path, path: Path) -> Path:
+def cache_without(numba_cache: Path, copied: Path, path: Path) -> Path:
     """A copy of Numba's cache less what was compiled from a file and from those that import it, by however many
     others: Numba does not see changes of functions that another file calls."""
-    imports = {f: f.read_text(encoding="utf-8") for f in (home / "copy/bayes_iwan").rglob("*.py")}
+    imports = {f: f.read_text(encoding="utf-8") for f in (copied / "bayes_iwan").rglob("*.py")}
     stale, new = {path}, {path}
     while new:
         words = re.compile("|".join(rf"\b{f.parent.name if f.stem == '__init__' else f.stem}\b" for f in new))
         lines = {f: re.findall(r"^\s*(?:from|import) .*(?:\([^)]*\))?", text, re.M) for f, text in imports.items()}
         new = {f for f, found in lines.items() if f not in stale and words.search(" ".join(found))}
         stale |= new
-    cache = home / "numba of a mutant"
+    cache = numba_cache.with_name("numba of a mutant")
     left = {(f.parent.name, f.stem) for f in stale}
-    shutil.copytree(home / "numba", cache, ignore=lambda folder, files: [
+    shutil.copytree(numba_cache, cache, ignore=lambda folder, files: [
         x for x in files if (Path(folder).name.rpartition("_")[0], x.partition(".")[0]) in left
     ])  # fmt: skip
     return cache
@@ -246,8 +248,8 @@ def main() -> None:
     parser.add_argument("--kept", type=Path, default=ROOT / "runs/mutants", help="where what the tests run is kept")
     parser.add_argument("--out", type=Path, help="JSON with every mutant and what became of it")
     args = parser.parse_args()
-    home = args.kept.resolve() / digest((ROOT / "bayes_iwan").rglob("*.py"))
-    copied = home / "copy"
+    home = args.kept.resolve()
+    copied, numba_cache = home / "copy", home / f"numba-{digest((ROOT / 'bayes_iwan').rglob('*.py'))}"
     shutil.rmtree(copied, ignore_errors=True)
     for name in ("bayes_iwan", "tests", "analyses", "data", "pyproject.toml"):
         source = ROOT / name
@@ -256,12 +258,12 @@ def main() -> None:
     files = [f for f in files if not args.files or any(part in str(f) for part in args.files)]
     found = [(f, m, k) for f in files for m, k in mutants_of(f)]
     chosen = np.random.default_rng(args.seed).choice(len(found), min(args.mutants, len(found)), replace=False)
-    every = [home / "copy" / x for x in args.tests or TESTS[args.folder]]
+    every = [copied / x for x in args.tests or TESTS[args.folder]]
     every = [f for x in every for f in (sorted(x.glob("test_*.py")) if x.is_dir() else [x])]
     ran: Lines = {}
     took: dict[str, float] = {}
     for file in every:
-        lines, times = what_runs_what(home, args.folder, file)
+        lines, times = what_runs_what(home, numba_cache, args.folder, file)
         took |= times
         for path, by_line in lines.items():
             for n, tests in by_line.items():
@@ -277,15 +279,16 @@ def main() -> None:
         these = set().union(*(ran.get(path, {}).get(n, ()) for n in statement_lines(text, mutant.line)))
         compiled = runs_compiled(text, mutant.line, imported="" in these)
         run = set(took) if compiled or "" in these else these & took.keys()
-        some = sorted(run, key=lambda t: (f"/test_{path.stem}.py::" not in t, took[t]))
+        near = set().union(*ran.get(path, {}).values())
+        some = sorted(run, key=lambda t: (f"/test_{path.stem}.py::" not in t, t not in near, took[t]))
         some = some[: np.searchsorted(np.cumsum([took[t] for t in some]), args.seconds) + 1]
         passed, seconds = True, 0.0
         if some:
             unchanged = path.stat()
             path.write_text(_text(text, k), encoding="utf-8")
-            cache = cache_without(home, path) if compiled else home / "numba"
+            cache = cache_without(numba_cache, copied, path) if compiled else numba_cache
             passed, seconds = run_tests(copied, cache, some, 10.0 * sum(took[t] for t in some) + 120.0)
-            shutil.rmtree(home / "numba of a mutant", ignore_errors=True)
+            shutil.rmtree(numba_cache.with_name("numba of a mutant"), ignore_errors=True)
             path.write_text(text, encoding="utf-8")
             os.utime(path, ns=(unchanged.st_atime_ns, unchanged.st_mtime_ns))  # Numba's cache goes by it
         done.append(

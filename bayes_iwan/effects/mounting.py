@@ -100,13 +100,13 @@ def _through_play(u: Array, velocity: Array, half: Array, soft: Array, crossing:
 
 @_jit
 def _first_crossings(u: Array, force: Array, crossing: Array, slope: Array) -> None:
-    """Where the force crosses zero on each branch, and its slope there (N/mm); ∓inf, 1 where it keeps one sign."""
+    """Where the force crosses zero on each branch, and its slope there (N/mm); ∓inf where it keeps its sign."""
     draws, loops, samples = force.shape
     for d in range(draws):
         m = d % u.shape[0]
         for j in range(loops):
             for branch in range(2):
-                crossing[d, j, branch], slope[d, j, branch] = -np.inf if force[d, j, 0] > 0.0 else np.inf, 1.0
+                crossing[d, j, branch] = -np.inf if force[d, j, 0] > 0.0 else np.inf
                 for i in range(samples):
                     f0, f1 = force[d, j, i - 1], force[d, j, i]
                     x0, x1 = u[m, j, i - 1], u[m, j, i]

@@ -95,6 +95,16 @@ def test_mains_frequency_and_line_are_found(hz, data_of):
         assert abs(data.mains_N[t, 1 - which]) < 6.0 * data.mains_noise_N[t, 1 - which]
 
 
+def test_a_line_at_half_the_frequency_counts_by_its_power_over_the_noise(data_of):
+    """A cosine of amplitude A in white noise of sd s over N samples: A² N / (4 s²)."""
+    size_N, sd_N, cycles = 0.02, 0.05, 40
+    data = data_of(noise_N=sd_N, cycles=cycles, extra=lambda time, test: size_N * np.cos(np.pi * TESTS[test][0] * time))
+    samples = np.array([cycles * 1280.0 / f for f, _ in TESTS])
+    ratio = data.subharmonic / (size_N**2 * samples / (4.0 * sd_N**2))
+    assert 0.5 < np.exp(np.mean(np.log(ratio))) < 2.0 and np.all((ratio > 0.2) & (ratio < 5.0))
+    assert np.all(data_of(noise_N=sd_N, cycles=cycles).subharmonic < 6.0)
+
+
 def test_mains_that_wander_from_record_to_record_are_followed(data_of):
     def wandering(time, test):
         return 0.05 * np.cos(2.0 * np.pi * (49.9 + 0.07 * test) * time)

@@ -10,6 +10,7 @@ from scipy import stats
 from bayes_iwan.campaign import average
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
 from bayes_iwan.diagnosis.assessment import sampled_fit
+from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.constants import LARGE_DISCREPANCY
 from bayes_iwan.diagnosis.fits import evidence
 from bayes_iwan.diagnosis.fits.data import gap_data
@@ -122,8 +123,9 @@ def test_the_share_of_the_discrepancy_is_between_those_that_are_as_likely(factor
 
 
 def test_distinct_optima_best_first():
-    x = np.array([[0.0, 0.0], [0.1, 0.0], [1.0, 0.0], [0.0, 5.0]])
-    np.testing.assert_array_equal(_distinct(x, np.array([1.0, 2.0, 3.0, 99.0])), x[[0, 2]])
+    """One beside the best, its mirror image, one that costs too much, and more than the four that are kept."""
+    x = np.array([[0.7, -0.4], [0.8, -0.4], [-0.7, 0.4], [0.7, 4.6], [1.7, -0.4], [2.7, -0.4], [3.7, -0.4]])
+    np.testing.assert_array_equal(_distinct(x, np.array([1.0, 2.0, 3.0, 99.0, 4.0, 5.0, 6.0])), x[[0, 2, 4, 5]])
 
 
 def test_a_large_discrepancy_does_not_lead_a_model_away_from_what_it_can_fit(measured):
@@ -179,10 +181,10 @@ def test_a_fit_is_sampled_with_the_discrepancy_beside_it(kit, monkeypatch):
     rng = np.random.default_rng(1)
     z = np.concatenate([found.base.z + 0.01 * rng.standard_normal((6, len(found.base.z))), np.zeros((6, 2))], axis=1)
     z[3:, -2:] = [0.4, -0.7]
-    size, share, length = found.base.size, target.share_prior.kwds, np.sqrt(LENGTHS[0] * LENGTHS[-1])
-    variance = target.residuals.discrepancy.variances(
-        share["scale"] * np.exp(share["s"] * z[:, -2]), length * np.exp(0.5 * z[:, -1]), size
-    )
+    # its share about four times a sound specimen's, its length between those of the grid
+    share = 4.0 * calibration().usual[0] * np.exp(1.2 * z[:, -2])
+    length = np.sqrt(LENGTHS[0] * LENGTHS[-1]) * np.exp(0.5 * z[:, -1])
+    variance = target.residuals.discrepancy.variances(share, length, found.base.size)
     residual = target.residuals.residual(z[:, :-2])
     expected = np.sum(stats.norm.logpdf(residual, 0.0, np.sqrt(variance)), axis=1)
     expected += np.sum(stats.norm.logpdf(z), axis=1)

@@ -10,6 +10,7 @@ from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
 from bayes_iwan.diagnosis.fits.gap_size import _along, ceiling_N, gap_power_N2, moved_shares
 from bayes_iwan.diagnosis.fits.residuals import ALONG, LOOP, MEAN, residual_of
 from bayes_iwan.inference.results.predictions import residual_size
+from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
 
 @pytest.mark.parametrize("effect", ["viscous_damping", None])
@@ -73,3 +74,11 @@ def test_no_effect_can_explain_what_is_as_smooth_as_the_discrepancy_that_was_fou
 
     assert left_N(0.0) == pytest.approx(3.0 / np.sqrt(2.0), rel=1e-3)
     assert left_N(100.0) < 0.01
+    # beside a discrepancy about as large as the noise about half: noise over both, in variance
+    at = (residual.kind == LOOP) & (residual.order == 3)
+    noise_N2 = residual.noise[:, at][:, 0] ** 2
+    third = discrepancy_spectrum(np.ones(1), np.array([0.05]), int(np.sum(residual.kind <= MEAN)))[0, 3]
+    share = float(np.sqrt(np.mean(noise_N2 / (search.data.level_N**2 * third))))
+    kept = noise_N2 / (noise_N2 + search.data.level_N**2 * share**2 * third)
+    assert np.all((kept > 0.2) & (kept < 0.8)) and np.all(np.abs(search.data.level_N - 1.0) > 0.05)
+    assert left_N(share) == pytest.approx(3.0 * np.sqrt(0.5 * np.mean(kept**2)), rel=1e-3)

@@ -1,6 +1,7 @@
 """What the base can imitate: a dashpot behind the normal force's speed term, and what these tests tell apart."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -123,3 +124,24 @@ def test_explanations_are_told_apart_where_evidence_and_gap_both_do(nats, share,
 def test_an_explanation_does_at_least_half_of_what_the_best_does(share, explains):
     """Without any 0.05 of the friction is missed, with the best 0.01: half the way is 0.03."""
     assert _explains(Explanation("b", 0.0, share), Explanation("a", 0.0, 0.01), 0.05) == explains
+
+
+@pytest.mark.parametrize(
+    ("without", "with_it", "gained", "shown"),
+    [(0.02, 0.016, 9.0, True), (0.02, 0.016, 7.0, False), (0.02, 0.018, 9.0, False), (0.002, 0.0, 9.0, False)],
+)
+def test_a_dependence_is_shown_where_it_gains_as_an_effect_must_and_makes_the_gap_smaller(
+    without, with_it, gained, shown, monkeypatch
+):
+    """By 8 nats, and 0.3 % of the friction force."""
+    neutral, free = (
+        SimpleNamespace(log_evidence=-gained, gap_N=without),
+        SimpleNamespace(log_evidence=0.0, gap_N=with_it),
+    )
+    monkeypatch.setattr(imitation, "_neutral", lambda *given: neutral)
+    monkeypatch.setattr(imitation, "quick_gap_N", lambda data, fit: fit.gap_N)
+    search = SimpleNamespace(data=None, effects={})
+    found = imitation._imitation(search, free, FREEDOMS[0], 1.0, RigLimits())
+    assert (found is not None) == shown
+    if shown:
+        assert (found.without, found.tied) == (without, (FREEDOMS[0].name,)) and not found.said

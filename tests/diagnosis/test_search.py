@@ -279,6 +279,14 @@ def test_strengths_are_brought_to_the_specimens_scale(kit):
         assert share == pytest.approx(TYPICAL_SHARE, rel=0.15), name
 
 
+def test_a_sine_in_each_test_has_the_prior_share_of_the_friction_force_as_its_rms(kit):
+    found = kit.diagnosed(None).search
+    base, friction_N = found.base, friction_rms_N(found.base.problem, found.base.z)
+    (hum, _) = catalogue.variants()["mains_interference"]
+    strength = calibrated(hum, base.problem.scales, found.data, base.problem, base.z).typical
+    assert strength / np.sqrt(2.0) == pytest.approx(TYPICAL_SHARE * friction_N) and abs(friction_N - 1.0) > 0.05
+
+
 def test_a_strength_is_one_at_which_the_model_still_has_a_force(kit):
     """A push that breaks the model before it moves the prior share: as large as it may be without."""
     found = kit.diagnosed(None).search

@@ -14,6 +14,7 @@ from bayes_iwan.diagnosis.answer.sentences import sentences
 from bayes_iwan.diagnosis.answer.wording import few, force, percent, plain, title, value_of
 from bayes_iwan.diagnosis.assessment.budget import Gaps, Kind, OneOf, Suspect
 from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling
+from bayes_iwan.diagnosis.constants import PROBABLE
 
 TIED = Imitation(
     "speed_dependent_normal_force",
@@ -171,6 +172,16 @@ def test_the_kinds_read_as_they_should(answers):
     assert "Unexplained: 100 % of the gap" in fading and "since nothing is named" in fading
     assert text["drive"][-1].startswith("Next: run these tests again with sines; if they were sines, check the")
     assert "cannot be found: the displacement of 1 test has corners (t0.csv)" in text["drive"][1]
+
+
+@pytest.mark.parametrize(("probability", "colour"), [(0.49, "note"), (PROBABLE, "good")])
+def test_that_nothing_is_needed_is_said_from_one_half_on_and_the_box_is_as_sure(answers, probability, colour):
+    none = answers["none"]
+    d = replace(none, verdict=replace(none.verdict, probabilities=none.verdict.probabilities | {"none": probability}))
+    assert to_dict(d)["verdict"]["colour"] == colour
+    needed = colour == "note"
+    assert sentences(d)[1].startswith("No effect is named, though" if needed else "No effect outside the model is")
+    assert (sentences(d)[-1] == "Next: no further test is needed.") != needed
 
 
 def test_what_the_base_can_imitate_is_said_under_none(answers):

@@ -498,6 +498,13 @@ def test_break_away_lifts_friction_after_reversals_and_wears_off(kit):
     assert added[up & (u > -0.7 * A_MM) & (u < -0.3 * A_MM)].max() > 0.01 * friction
 
 
+def test_break_away_in_mid_stroke(kit):
+    """All elements slip there, an amplitude after the reversal, and carry by so much more."""
+    up, down = mid_stroke("break_away", kit, 0.4, slide_mm=0.5)
+    expected = 1.0 + 0.4 * np.exp(-A_MM / 0.5)
+    assert (up, down) == (pytest.approx(expected, rel=1e-6), pytest.approx(-expected, rel=1e-6))
+
+
 def lag_in_closed_form(x, rising, path):
     """Of ℓ dz/ds = sgn(dx) − z where x runs from −X to X and back: 1 − (1 + tanh X/ℓ)·e^(−(X + x)/ℓ) on the way up."""
     reach = np.max(x, axis=-1, keepdims=True)

@@ -115,6 +115,23 @@ def test_the_ends_of_a_play_close_softly_about_the_place_where_the_force_crosses
         np.testing.assert_allclose(out[0, 0], c + width * (ahead - behind), atol=1e-14)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_force_that_keeps_its_sign_holds_the_specimen_at_one_end_of_the_play(sign, kit):
+    """However small it is: a preloaded spring, moved by half the play less than the rig."""
+    effect = mounting.FreePlay(kit.scales)
+    motion = sine_motion(frequency_hz=HZ, amplitude_mm=AMPLITUDE, samples=64)
+
+    asked = []
+
+    def preloaded(at, some=None):
+        asked.append(at)
+        return sign * 0.05 + 0.01 * at.displacement_mm
+
+    found = effect.around(preloaded, motion, effect.values_at(play_mm=0.2, softness=1e-6))
+    np.testing.assert_allclose(found, sign * 0.05 + 0.01 * (motion.displacement_mm - sign * 0.1), rtol=1e-12)
+    assert len(asked) == 2  # for the sign, and at the end: there is nothing to solve
+
+
 @pytest.mark.parametrize("kind", mounting.EFFECTS)
 def test_it_is_solved_to_the_stated_tolerance_whatever_draws_stand_beside(kind, kit):
     """Each draw goes on until it is solved, alone or among others, and more passes change nothing."""

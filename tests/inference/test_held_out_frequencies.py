@@ -83,3 +83,9 @@ def test_one_frequency_alone_says_nothing(loops):
         (HeldOutFrequency(10.0, ("a",), 0.5, 0.92, 1.0), HeldOutFrequency(30.0, ("b",), 0.2, 0.36, 0.5))
     )
     assert "hold 64 % of its points in the mean, at 30 Hz only 36 %: do not trust" in said
+
+
+@pytest.mark.parametrize("points_90, held", [(0.74, False), (0.76, True)])
+def test_bands_of_90_per_cent_that_hold_three_quarters_of_the_points_hold(points_90, held):
+    one = HeldOutFrequency(10.0, ("a",), 0.5, points_90, 1.0)
+    assert one.holds == held == ("do not trust" not in held_out_said((one,)))

@@ -106,6 +106,14 @@ def test_parts_sum_up(problem, known, kind):
         np.testing.assert_allclose(np.diff(-0.5 * (rows**2).sum(axis=1)), np.diff(total), rtol=1e-6)
 
 
+def test_parts_sum_up_where_one_test_alone_resolves_a_harmonic(problem, known):
+    few = replace(problem.loops[1], noise_N=np.where(np.arange(51) > 4, np.inf, problem.loops[1].noise_N))
+    p = make_problem((problem.loops[0], few))
+    z = known.true_z(p) + np.array([[0.0], [0.02]])
+    assert p.pointwise(z).shape == (2, 51 + 5)
+    np.testing.assert_allclose(p.pointwise(z).sum(axis=1), p.log_likelihood(z), rtol=1e-9)
+
+
 def test_pointwise_densities_are_those_of_scipy(problem, known):
     """Laplace of scale b/v and Gaussian of variance σ²/v, v = w/A over its mean, each point weighing (2H + 1)/n."""
     r = problem.residual(known.true_z(problem))

@@ -8,6 +8,7 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import (
     _different,
     _goal_rows,
+    _polished,
     goal_share,
     joint_rows,
     laplace_scale,
@@ -68,3 +69,22 @@ def test_starts_200_nats_below_the_best_or_beside_a_better_one_are_not_refitted(
     log_prob = np.array([1000.0, 999.0, 990.0, 801.0, 799.0])
     assert _different(z, log_prob, tolerance=0.3) == [0, 2, 3]
     assert _different(z, log_prob, tolerance=0.1, depth=np.inf) == [0, 1, 2, 3, 4]
+
+
+def test_of_each_rung_the_best_three_climb_the_next_and_every_evaluation_is_counted():
+    """Rows whose squares are least at 0.3, then at 0.5, from five starts; held to a box that ends at 0.4."""
+    asked = []
+
+    def rows(at):
+        def residuals(x):
+            asked.append(len(x))
+            return x - at
+
+        return residuals
+
+    starts = np.linspace(-0.4, 0.4, 10).reshape(5, 2)
+    box = np.tile([-0.4, 0.4], (2, 1))
+    ended, used = _polished(lambda x: np.sum(x**2, axis=1), (rows(0.3), rows(0.5)), starts, box)
+    off = np.abs(ended - np.repeat([0.4, 0.3], [3, 5])[:, None]).max(axis=1)
+    assert off[:3].min() < 1e-9 and off[3:].min() < 2e-3
+    assert used == sum(asked) > 0

@@ -180,6 +180,20 @@ def test_a_quantity_of_either_sign_and_too_few_specimens():
     assert population([SpecimenDraws("c", np.ones(10), np.ones(10))] * 4) is None
 
 
+@pytest.mark.parametrize("which", ["draws", "prior"])
+def test_a_quantity_that_may_be_exactly_zero_has_no_relative_spread(which):
+    """A share whose end is reached: it has no logarithm."""
+    rng = np.random.default_rng(6)
+    some = [
+        SpecimenDraws(str(i), v + 0.02 * np.abs(rng.standard_normal(300)), np.abs(rng.standard_normal(500)))
+        for i, v in enumerate((0.1, 0.15, 0.2, 0.12))
+    ]
+    assert population(some).relative
+    getattr(some[1], which)[7] = 0.0
+    found = population(some)
+    assert not found.relative and found.typical[1] < 0.15 < found.typical[2]
+
+
 @pytest.mark.parametrize(("law", "positive"), [(stats.gamma(1.5, scale=2.0), False), (stats.lognorm(0.7), True)])
 def test_the_scale_of_a_prior_is_its_normal_score_and_goes_on_beyond(law, positive):
     prior = law.rvs(200_000, random_state=np.random.default_rng(3))

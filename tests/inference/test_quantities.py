@@ -49,6 +49,13 @@ def test_slip_quantiles_are_scipys():
         np.testing.assert_allclose(row, stats.gamma(eta, scale=t).ppf([0.05, 0.5, 0.95]), rtol=0.01)
 
 
+def test_a_slip_quantile_beyond_the_top_is_the_top():
+    parameter_values = {"t1_N": np.array([0.5]), "eta1": np.array([2.0]), "g1": np.ones(1)}
+    got = slip_quantiles(Gammas(1), parameter_values, (0.05, 0.99), 1.2)
+    assert stats.gamma(2.0, scale=0.5).ppf(0.99) > 1.2
+    np.testing.assert_allclose(got, [[stats.gamma(2.0, scale=0.5).ppf(0.05), 1.2]], rtol=0.01)
+
+
 def test_every_quantity_at_known_numbers(problem, known):
     """Names, and values that follow from the known numbers; the measured loops' energies within their noise."""
     q = quantities(problem, known.true_z(problem))

@@ -68,3 +68,11 @@ def test_prior_in_words():
     assert replace(p, fixed=3.0).prior_text() == "fixed at 3"
     assert replace(p, tied="y").prior_text() == "tied to y"
     assert replace(p, lower=1.0, upper=9.0).prior_text() == "lognorm(s=0.7, scale=5.2) within [1, 9]"
+
+
+def test_it_is_sampled_unless_fixed_or_tied_and_linear_in_z_where_its_prior_is_an_uncut_normal():
+    p = parameter(stats.norm(loc=0.3, scale=2.0))
+    fixed, tied = replace(p, fixed=0.0), replace(p, tied="y")
+    assert (p.free, fixed.free, tied.free) == (True, False, False)
+    others = (replace(p, lower=-1.0), replace(p, upper=9.0), parameter(stats.lognorm(s=0.7, scale=5.2)))
+    assert [x.normal for x in (p, fixed, tied, *others)] == [True, False, False, False, False, False]

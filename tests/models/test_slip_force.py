@@ -52,6 +52,22 @@ def test_table_of_every_family(family, truth):
     assert np.isnan(read(np.array([0.0, np.nan]), table[0], top[0])[1])
 
 
+@pytest.mark.parametrize("family", FAMILIES)
+def test_no_slip_force_lies_beyond_a_family_s_support(family, truth):
+    parameter_values, survival = truth.family_cases[family]
+    beyond = np.array([phi for phi in (0.1, 2.01, 30.0) if survival(phi) in (0.0, 1.0) or phi == 30.0])
+    np.testing.assert_allclose(FAMILIES[family].density(beyond, parameter_values), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("family", ["uniform", "gaussian"])
+def test_below_its_lowest_node_a_table_goes_on_to_zero(family, truth):
+    """There all elements hold: L(φ) is φ."""
+    parameter_values, _ = truth.family_cases[family]
+    table, top = FAMILIES[family].table(parameter_values)
+    phi = top[0] * 2.0**-sliders.OCTAVES * np.array([1.0, 0.5, 0.1, 1e-3])
+    np.testing.assert_allclose(read(phi, table[0], top[0]), phi, rtol=1e-5)
+
+
 @pytest.mark.parametrize("spread", ["shapes alike", "means 1:1000", "scales 1:1000"])
 def test_gamma_tables_over_the_whole_prior_range(spread, truth):
     """η from 0.1 to 80, components that differ by three decades: L within 3e-5 of the mean (measured 1.5e-5)."""
