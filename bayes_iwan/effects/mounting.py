@@ -15,8 +15,8 @@ from bayes_iwan.models.kernels import pointwise
 TOLERANCE = 1e-9
 #: passes over the loops at most; a few draws, at a jump of their law, end there
 MOST_PASSES = 40
-#: a secant stiffness of the specimen is believed up to this many times the stiffness after reversals
-STIFFEST = 5.0
+#: of these the last ones that the next motion is made of; three to six take as many passes
+REMEMBERED = 4
 
 
 class RigCompliance(Effect):
@@ -50,13 +50,15 @@ class RigCompliance(Effect):
         )
         force = inner(motion)
         out, some, base = force, np.arange(len(force)), motion
-        at = np.ascontiguousarray(motion.displacement_mm) + np.zeros_like(force)
-        trial, held, stiffness, step = at.copy(), np.zeros_like(force), np.zeros_like(force), np.zeros_like(force)
-        damping, size = np.zeros(force.shape[:2]), np.full(force.shape[:2], np.inf)
-        for _ in range(MOST_PASSES):
+        trial, step, left, held = np.zeros((4, *force.shape))
+        trial += motion.displacement_mm
+        draws, loops, samples = force.shape
+        slopes, moves = np.zeros((2, draws, loops, REMEMBERED, samples))
+        products, size = np.zeros((draws, loops, REMEMBERED, REMEMBERED)), np.full((draws, loops), np.inf)
+        for passed in range(MOST_PASSES):
             pointwise.series_step(
                 np.ascontiguousarray(base.displacement_mm), compliance[some], ratio[some] - 1.0, first_N[some],
-                STIFFEST * self.scales.stiff_N_mm, force, trial, at, held, stiffness, damping, size, step,
+                self.scales.stiff_N_mm, force, trial, step, left, slopes, moves, products, passed, held, size,
             )  # fmt: skip
             out[some] = held
             open_ = np.any(size > TOLERANCE * motion.amplitude_mm, axis=1)
@@ -64,8 +66,8 @@ class RigCompliance(Effect):
                 break
             if not open_.all():
                 some, base = some[open_], base.of_draws(open_)
-                trial, at, held, stiffness, step, damping, size = (
-                    x[open_] for x in (trial, at, held, stiffness, step, damping, size)
+                trial, step, left, held, slopes, moves, products, size = (
+                    x[open_] for x in (trial, step, left, held, slopes, moves, products, size)
                 )
             force = np.ascontiguousarray(inner(moved_by(base, trial), some))
         return out

@@ -36,8 +36,8 @@ _SERVE = (
 
 @dataclass(frozen=True)
 class Order:
-    """What a figure is to become: an <svg> whose ids begin with `name`, and a PNG and a PDF file where `files` says so.
-    alt : what a reader would see in it."""
+    """What a figure is to become: an <svg> whose ids are those of no other `name`, and a PNG and a PDF file where
+    `files` says so. alt : what a reader would see in it."""
 
     name: str
     alt: str
@@ -57,16 +57,15 @@ def drawn(orders: Mapping[Order, Figure]) -> dict[Order, Rendered]:
     """Every figure, drawn in this process. Their PDFs are pages of one file until the end, since picking the letters
     out of a font costs more than drawing a figure, and is so done once."""
     whole, pictures = io.BytesIO(), {}
-    with mpl.rc_context(RC):
-        with PdfPages(whole, metadata={"CreationDate": None}) as pages:
-            for order, figure in orders.items():
-                settle(figure)
-                png = io.BytesIO()
-                if order.files:  # a little larger than the smallest, in a third of the time
-                    figure.savefig(png, format="png", dpi=DPI, pil_kwargs={"compress_level": 3})
-                    keep_labels(figure)
-                    pages.savefig(figure)
-                pictures[order] = (svg(figure, order.name, order.alt), png.getvalue())
+    with mpl.rc_context(RC), PdfPages(whole, metadata={"CreationDate": None}) as pages:
+        for order, figure in orders.items():
+            settle(figure)
+            png = io.BytesIO()
+            if order.files:  # a little larger than the smallest, in a third of the time
+                figure.savefig(png, format="png", dpi=DPI, pil_kwargs={"compress_level": 3})
+                keep_labels(figure)
+                pages.savefig(figure)
+            pictures[order] = (svg(figure, order.name, order.alt), png.getvalue())
     pdfs = _single_pages(whole)
     return {order: Rendered(*made, next(pdfs) if order.files else b"") for order, made in pictures.items()}
 

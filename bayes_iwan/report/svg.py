@@ -38,7 +38,7 @@ def svg(figure: Figure, name: str, alt: str) -> Markup:
     box = re.findall(r'viewBox="([^"]*)"', head)[0]
     text = _SPARE.sub("", text)
     text = re.sub(r' (x|y|width|height)="(-?\d+\.\d{2,})"', lambda m: f' {m[1]}="{float(m[2]):.1f}"', text)
-    text = re.sub(r'(?<= d=")[^"]*', lambda m: _path(m[0]), text)
+    text = re.sub(r'(<path [^>]*?\bd=")([^"]*)', lambda m: m[1] + _path(m[2]), text)  # not in a name that is shown
     card = 'class="card" '
     if KNOWN.issuperset(re.findall(r"#([0-9a-f]{6})\b", text)):
         text, card = re.sub(r"#([0-9a-f]{6})\b", r"var(--c-\1)", text), ""

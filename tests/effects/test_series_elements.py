@@ -1,5 +1,7 @@
 """Effects in series against a solution of their own: stop elements in plain numpy, marched step by step from rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import optimize
@@ -70,17 +72,19 @@ def behind_a_play(elements, half):
 
 @pytest.mark.parametrize(("slope", "beta"), [(0.0, 1.0), (-0.25, 0.7)], ids=["constant", "varying"])
 @pytest.mark.parametrize(
-    ("kind", "given"),
+    ("kind", "given", "believed"),
     [
-        (mounting.FreePlay, {"play_mm": 0.09, "softness": 1e-6}),
-        (mounting.FreePlay, {"play_mm": 0.5, "softness": 1e-6}),
-        (mounting.RigCompliance, {"compliance_mm_N": 0.006, "soft_ratio": 3.0, "soft_N": 0.6}),
-        (mounting.RigCompliance, {"compliance_mm_N": 0.08, "soft_ratio": 1.0, "soft_N": 1.0}),
+        (mounting.FreePlay, {"play_mm": 0.09, "softness": 1e-6}, 1.0),
+        (mounting.FreePlay, {"play_mm": 0.5, "softness": 1e-6}, 1.0),
+        (mounting.RigCompliance, {"compliance_mm_N": 0.006, "soft_ratio": 3.0, "soft_N": 0.6}, 1.0),
+        (mounting.RigCompliance, {"compliance_mm_N": 0.08, "soft_ratio": 1.0, "soft_N": 1.0}, 1.0),
+        (mounting.RigCompliance, {"compliance_mm_N": 0.08, "soft_ratio": 1.0, "soft_N": 1.0}, 0.01),
     ],
-    ids=["play of a tenth", "play of half the stroke", "stiff rig", "rig softer than the specimen"],
-)
-def test_it_is_what_stop_elements_do_step_by_step(kind, given, slope, beta, kit):
-    effect = kind(kit.scales)
+    ids=["play of a tenth", "play of half the stroke", "stiff rig", "rig softer than the specimen",
+         "specimen a hundred times as stiff as its loops' slopes say"],
+)  # fmt: skip
+def test_it_is_what_stop_elements_do_step_by_step(kind, given, believed, slope, beta, kit):
+    effect = kind(replace(kit.scales, stiff_N_mm=believed * kit.scales.stiff_N_mm))
     model = Model(kit.reference, "uniform", "hunt_crossley_no_speed", "constant")
     ell = kit.reference.length_mm
     values = {"kp_N_mm": SPRING, "k1_N_mm": STIFF, "slip_mean_N": SLIP, "slip_width": 1.0, "beta": beta}

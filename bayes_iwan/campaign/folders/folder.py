@@ -285,8 +285,8 @@ def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Tes
     known = {"file", "role", "frequency_hz", amplitude}
     for key in ("frequency_hz", amplitude) if clock else (amplitude,):
         if key not in entry:
-            said = nearest(key, set(entry) - known, "").replace("?", f" to be {key}?")
-            raise CampaignError(f"{where}: {key} is missing{said}")
+            said = nearest(key, set(entry) - known, "")
+            raise CampaignError(f"{where}: {key} is missing{said and said.removesuffix('?') + f' to be {key}?'}")
         positive(entry[key], f"{where}: {key}")
     if not isinstance(entry.get("role", "fit"), str) or entry.get("role", "fit") not in ROLES:
         raise CampaignError(f"{where}: role {shown(entry['role'])} is not known{nearest(entry['role'], ROLES)}")

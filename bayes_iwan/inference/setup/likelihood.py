@@ -109,8 +109,8 @@ class Independent:
     @cached_property
     def _count(self) -> float:
         """Independent numbers that a sample stands for."""
-        parameter_values = sum(2 * np.count_nonzero(np.isfinite(x.noise_N)) - 1 for x in self.loops)
-        return parameter_values / self.weights.size
+        known = sum(2 * np.count_nonzero(np.isfinite(x.noise_N)) - 1 for x in self.loops)
+        return known / self.weights.size
 
     def pointwise(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         scale = parameter_values["noise_N"][:, None, None]

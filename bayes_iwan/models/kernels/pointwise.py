@@ -14,6 +14,8 @@ import numpy as np
 from bayes_iwan.models.kernels.vectors import apart_and_wide
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+#: added to the squares of unit vectors, so that those that are nearly others get no large weights against each other
+_DAMPED = 1e-12
 
 
 @_jit
@@ -192,17 +194,23 @@ def growing(x, power, out):
 
 
 @_jit
-def series_step(u, compliance, softer, first_N, stiff, force, trial, at, held, stiffness, damping, size, step):
-    """A pass of a damped Newton's method for u = at + g(F), g = C·(F + s·F₁·(1 − e^(−|F|/F₁))·sgn F), sample by sample
-    with secants as dF/d at; a loop whose residual grew goes back and takes a stiffer guess.
+def series_step(
+    u, compliance, softer, first_N, stiff, force, trial, step, left, slopes, moves, products, passed, held, size
+):
+    """A pass towards u = trial + g(F), g = C·(F + s·F₁·(1 − e^(−|F|/F₁))·sgn F), by Anderson's mixing of each loop's
+    last passes (D. G. Anderson, J. ACM 12, 1965, 547; type II of Fang & Saad, Numer. Linear Algebra Appl. 16, 2009,
+    197), where dF/d(trial) is guessed by one stiffness.
 
-    u : (1 or draws, loops, samples); C, s, F₁ : (draws,); stiff : most that a secant is believed, N/mm. force : of the
-    trial motion. at, held, stiffness, step : (draws, loops, samples), the best motion, its force, its secants, and
-    trial − at; damping, size : (draws, loops), added to the secants, and the RMS residual of the best motion in mm. All
-    but u and force change, trial to the next motion to try.
+    u : (1 or draws, loops, samples); C, s, F₁ : (draws,); stiff : the guess, N/mm; force : of the trial motion (draws,
+    loops, samples). step, left : the last step and the residual before it. slopes, moves (draws, loops, kept, samples),
+    products (draws, loops, kept, kept) : changes of residuals and of motions in the last passes, and the first's
+    products with each other. passed : passes before this one. held, size (draws, loops) : force and RMS residual in mm
+    of the best motion. trial becomes the next motion to try.
     """
     apart_and_wide()
-    samples = force.shape[2]
+    samples, kept = force.shape[2], slopes.shape[2]
+    known, last = min(passed, kept), (passed - 1) % kept
+    root, weight = np.empty((kept, kept)), np.empty(kept)
     for d in range(force.shape[0]):
         m = d % u.shape[0]
         c, s, f1 = compliance[d], softer[d], first_N[d]
@@ -213,26 +221,57 @@ def series_step(u, compliance, softer, first_N, stiff, force, trial, at, held, s
                 extra = s * f1 * (1.0 - _exp(-abs(f) / f1))
                 r = u[m, j, i] - c * (f + (extra if f > 0.0 else -extra)) - trial[d, j, i]
                 total += r * r
-                move = step[d, j, i]
-                there = abs(move) > 1e-13 * abs(trial[d, j, i])
-                slope = (f - held[d, j, i]) / (move if there else 1.0)
-                slope = slope if slope > 0.0 else 0.0
-                stiffness[d, j, i] = (slope if slope < stiff else stiff) if there else 0.0
+                if passed > 0:
+                    slopes[d, j, last, i], moves[d, j, last, i] = r - left[d, j, i], step[d, j, i]
+                left[d, j, i] = r
             rms = math.sqrt(total / samples)
             if not rms >= size[d, j]:  # better, or no number at all
                 size[d, j] = rms
-                damping[d, j] *= 0.25 if damping[d, j] > 1e-3 * stiff else 0.0
                 for i in range(samples):
-                    at[d, j, i], held[d, j, i] = trial[d, j, i], force[d, j, i]
-            else:
-                damping[d, j] = max(4.0 * damping[d, j], 0.05 * stiff)
+                    held[d, j, i] = force[d, j, i]
+            for k in range(known):
+                product, projected = 0.0, 0.0
+                for i in range(samples):
+                    product += slopes[d, j, last, i] * slopes[d, j, k, i]
+                    projected += left[d, j, i] * slopes[d, j, k, i]
+                products[d, j, last, k] = products[d, j, k, last] = product
+                weight[k] = projected
+            _least_squares(products[d, j], weight, root, known)
             for i in range(samples):
-                f = held[d, j, i]
-                open_ = _exp(-abs(f) / f1)
-                extra = s * f1 * (1.0 - open_)
-                r = u[m, j, i] - c * (f + (extra if f > 0.0 else -extra)) - at[d, j, i]
-                step[d, j, i] = r / (1.0 + c * (1.0 + s * open_) * (stiffness[d, j, i] + damping[d, j]))
-                trial[d, j, i] = at[d, j, i] + step[d, j, i]
+                r, move = left[d, j, i], 0.0
+                for k in range(known):
+                    r -= weight[k] * slopes[d, j, k, i]
+                    move -= weight[k] * moves[d, j, k, i]
+                open_ = 1.0 + s * _exp(-abs(force[d, j, i]) / f1)
+                step[d, j, i] = move + r / (1.0 + c * open_ * stiff)
+                trial[d, j, i] += step[d, j, i]
+
+
+@_jit
+def _least_squares(products, weight, root, n):
+    """Weights of n vectors that best make another, into weight, which holds its products with them; products (n, n) :
+    theirs with each other. By Cholesky's decomposition at unit lengths; a vector of no length gets 0. root : for work.
+    """
+    for a in range(n):
+        for b in range(a + 1):
+            lengths = math.sqrt(products[a, a] * products[b, b])
+            total = products[a, b] / lengths if lengths > 0.0 else 0.0
+            total += _DAMPED if a == b else 0.0
+            for k in range(b):
+                total -= root[a, k] * root[b, k]
+            root[a, b] = total / root[b, b] if a != b else math.sqrt(max(total, _DAMPED))
+    for a in range(n):
+        length = math.sqrt(products[a, a])
+        total = weight[a] / length if length > 0.0 else 0.0
+        for k in range(a):
+            total -= root[a, k] * weight[k]
+        weight[a] = total / root[a, a]
+    for a in range(n - 1, -1, -1):
+        length = math.sqrt(products[a, a])
+        total = weight[a]
+        for k in range(a + 1, n):
+            total -= root[k, a] * weight[k] * math.sqrt(products[k, k])
+        weight[a] = total / root[a, a] / length if length > 0.0 else 0.0
 
 
 @_jit
