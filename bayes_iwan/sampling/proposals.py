@@ -36,9 +36,9 @@ _SHORTEST, _WHOLE_STEPS = 0.1, 0.1
 #: shares of the coordinates that a difference moves, each as often
 _MOVED = 1 / 3, 2 / 3, 1.0
 _SNOOKER = 1.7  # factor of the projected difference
-#: components of each block's mixture. Walkers' draws depend on each other, so that ten thousand are worth a few hundred,
-#: which more components follow too closely: of `data/rope_spring` moves from one half of a run lead to draws of the other
-#: half in 2 % of the steps with eight and twentieths of the whole covariance, in 20 % with these
+#: components of each block's mixture. Draws of walkers depend on each other: ten thousand tell as much as a few hundred
+#: independent ones, which more components follow too closely. On `data/rope_spring`, of moves from one half of a run to
+#: draws of its other half 2 % are accepted with eight and twentieths of the whole covariance, 15 % with these
 _COMPONENTS = 3
 #: of steps that are independent proposals of all coordinates, of one block, along differences, and snooker's
 _SHARES = 0.4, 0.2, 0.2, 0.2
