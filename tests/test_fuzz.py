@@ -11,14 +11,14 @@ def test_damaged_files_are_refused_in_one_line_or_read(monkeypatch, tmp_path):
         pytest.importorskip(module)
     import fuzz
 
-    monkeypatch.setattr(fuzz, "TRIED", 12)
+    monkeypatch.setattr(fuzz, "TRIED", 6)
     log = tmp_path / "log"
     found = fuzz.fuzz(0, seed=11, log=log)
     assert len(found) == 30
     for name, tally in found.items():
-        assert not tally.bad and sum(tally.counts.values()) == 12, (name, tally, log.read_text())
+        assert not tally.bad and sum(tally.counts.values()) == 6, (name, tally, log.read_text())
     # how many of a kind are refused follows from where the sample strikes, and a checkpoint's damaged end is read on
     # purpose: only where a checksum covers the whole file is every change refused
-    assert found["posterior.nc"].counts["refused"] == 12
+    assert found["posterior.nc"].counts["refused"] == 6
     every = sum((t.counts for t in found.values()), start=type(found["config"].counts)())
-    assert every["refused"] > 100 and every["read"] > 30
+    assert every["refused"] > 50 and every["read"] > 15

@@ -297,8 +297,9 @@ def test_a_seed_that_files_cannot_keep_is_refused(small_loops, seed):
         identify_loops(small_loops, config=SMALL, seed=seed, quick=True, progress=False)
 
 
-def test_searches_that_agree_are_no_remark_and_those_that_do_not_name_three_parameters(run):
+def test_searches_that_agree_are_no_remark_and_those_that_do_not_name_three_parameters(run, monkeypatch):
     posterior = run[0]
+    monkeypatch.setattr(type(posterior), "held_out", ())  # each is sampled anew
     z = posterior.point.z
     away = z + np.arange(1.0, len(z) + 1.0)
     point = replace(posterior.point, each_z=np.stack([z, z]), each_log_prob=np.zeros(2))
@@ -311,13 +312,12 @@ def test_searches_that_agree_are_no_remark_and_those_that_do_not_name_three_para
     assert [n for n in posterior.names if f"{n} " in said.split("apart in ")[1]] == list(posterior.names[-3:])
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_point_is_found_from_random_starts(known, seed):
+def test_the_point_is_found_from_random_starts(known):
     """Noise-free loops of the whole model: the objective ends below 0.1 % of the friction force (20 seeds:
     analyses/point_recovery.py)."""
     problem = make_problem(known.loops(noise_N=0.0))
     settings = SearchSettings(evaluations=8000, second_search=False, starts=6)
-    point = find_point(problem, seed, settings, progress=False)
+    point = find_point(problem, 0, settings, progress=False)
     assert point.goal_share < 1e-3
     assert goal_share(problem, known.true_z(problem))[0] < 2e-4
 
