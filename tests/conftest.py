@@ -143,6 +143,16 @@ def few_walkers():
         yield "from bayes_iwan.sampling import run; run.POPULATION = 64"
 
 
+@pytest.fixture(scope="module")
+def few_quick_walkers(few_walkers):
+    """Quick runs have as few, in a third of the time, for tests of words and files. Gives the line for a child."""
+    from bayes_iwan.inference.solving import posterior_draws
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(posterior_draws.QUICK, "walkers", 16)
+        yield f"{few_walkers}; from bayes_iwan.inference.solving import posterior_draws as p; p.QUICK['walkers'] = 16"
+
+
 # the analyses' scripts give their workers one thread through the environment; run inside this process they must not
 # change the number that numba has started with
 os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)

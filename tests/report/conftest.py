@@ -15,6 +15,8 @@ from bayes_iwan.inference.solving.point import Point, laplace_scale, most_probab
 from bayes_iwan.models import Model, Reference, sine_motion
 from bayes_iwan.sampling.convergence import convergence_of
 
+from .chromium import BROWSER, NO_BROWSER, Chromium
+
 RATE = 1280.0
 TRUTH = {"kp_N_mm": 5.4, "force_zero_N": 0.0, "k1_N_mm": 15.0, "stiffness_ratio": 0.6, "t1_N": 0.5, "eta1": 2.2}
 TRUTH |= {"g1": 1.0, "normal_force_slope": 0.3, "normal_force_rate": 0.07, "beta": 0.6}
@@ -85,9 +87,18 @@ def wandering():
 @pytest.fixture(scope="session")
 def page(posterior, tmp_path_factory):
     """The folder of a report, with report.html and report.pdf in it."""
-    from bayes_iwan.report.browser import find_browser
     from bayes_iwan.report.identification.identification_page import identification_report
 
     out = tmp_path_factory.mktemp("report")
-    identification_report(posterior, out, pdf=find_browser() is not None)
+    identification_report(posterior, out, pdf=BROWSER is not None)
     return out
+
+
+@pytest.fixture(scope="session")
+def chromium(tmp_path_factory):
+    """One browser for all pages."""
+    if BROWSER is None:
+        pytest.skip(NO_BROWSER)
+    browser = Chromium(tmp_path_factory.mktemp("chromium"))
+    yield browser
+    browser.close()

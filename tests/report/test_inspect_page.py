@@ -11,7 +11,7 @@ from bayes_iwan.campaign import read_campaign, write_campaign
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.report.inspection.inspect_page import inspect_to
 
-from .layout import BROWSER, NO_BROWSER, cut_elements
+from .layout import cut_elements
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
 
@@ -61,11 +61,10 @@ def test_an_accelerometer_s_response_is_stated(tmp_path):
         assert "amplitude 1 and phase 0" in said and "integrated twice" in said
 
 
-@pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
-def test_the_widest_table_fits_a_screen_of_1280_px(tmp_path):
+def test_the_widest_table_fits_a_screen_of_1280_px(chromium, tmp_path):
     """Energies of seven digits with their intervals, and ten columns."""
     campaign = read_campaign(ROOT / "data" / "rope_spring")
     large = [replace(t, force_N=1e4 * t.force_N) for t in campaign.tests[:2]]
     write_campaign(tmp_path / "large", name="large", description="", tests=large)
     inspect_to(tmp_path / "large", tmp_path)
-    assert cut_elements(tmp_path / "inspect.html", tmp_path, (1280,), scrolled=1280) == {"1280": []}
+    assert cut_elements(tmp_path / "inspect.html", chromium, (1280,), scrolled=1280) == {"1280": []}
