@@ -90,7 +90,9 @@ def page(posterior, tmp_path_factory):
     from bayes_iwan.report.identification.identification_page import identification_report
 
     out = tmp_path_factory.mktemp("report")
-    identification_report(posterior, out, pdf=BROWSER is not None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayes_iwan.report.page.FILES", False)  # of its figures, which have tests of their own
+        identification_report(posterior, out, pdf=BROWSER is not None)
     return out
 
 
