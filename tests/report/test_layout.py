@@ -58,7 +58,7 @@ def out(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def results(out, posterior, specimens, made_up_campaign, few_walkers):
+def results(out, posterior, specimens, made_up_campaign, few_quick_walkers):
     """Every kind of result, by name; those with a page have written it."""
     posterior = replace(posterior)  # what it computes when asked is computed here, by few walkers
     campaign = bi.demo(out / "demo")
