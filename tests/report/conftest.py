@@ -11,6 +11,7 @@ from bayes_iwan.campaign import Campaign, Record, average
 from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.solving import posterior_draws
 from bayes_iwan.inference.solving.point import Point, laplace_scale, most_probable
 from bayes_iwan.models import Model, Reference, sine_motion
 from bayes_iwan.sampling.convergence import convergence_of
@@ -92,6 +93,8 @@ def page(posterior, tmp_path_factory):
     out = tmp_path_factory.mktemp("report")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_iwan.report.page.FILES", False)  # of its figures, which have tests of their own
+        patch.setattr("bayes_iwan.sampling.run.POPULATION", 64)  # in runs without a frequency
+        patch.setitem(posterior_draws.QUICK, "walkers", 16)
         identification_report(posterior, out, pdf=BROWSER is not None)
     return out
 
