@@ -14,6 +14,7 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving import posterior_draws
 from bayes_iwan.inference.solving.point import Point, laplace_scale, most_probable
 from bayes_iwan.models import Model, Reference, sine_motion
+from bayes_iwan.report import style
 from bayes_iwan.sampling.convergence import convergence_of
 
 from .chromium import BROWSER, NO_BROWSER, Chromium
@@ -97,6 +98,14 @@ def page(posterior, tmp_path_factory):
         patch.setitem(posterior_draws.QUICK, "walkers", 16)
         identification_report(posterior, out, pdf=BROWSER is not None)
     return out
+
+
+@pytest.fixture(scope="module")
+def no_phones():
+    """Pages without their figures' variants for phones, which have the same texts."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "_on_phone", lambda drawn: style.blank(1.0))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -25,13 +25,13 @@ from bayes_iwan.report.style import relabel
 
 from .layout import visible
 
-pytestmark = pytest.mark.usefixtures("no_figure_files")
+pytestmark = pytest.mark.usefixtures("no_figure_files", "no_phones", "few_quick_walkers")
 
 #: newtons that are no newton metres, and millimetres; names of numbers with these units
 FOREIGN = re.compile(r"(?<![\w·])(?:[km]?N(?!·m|\w)|mm(?!\w))|\w_(?:N|mm)(?:_\w+)?(?![\w.])")
 
 
-def test_an_identification_of_torque_over_angle(few_quick_walkers, tmp_path, capsys, made_up_campaign, short_config):
+def test_an_identification_of_torque_over_angle(tmp_path, capsys, made_up_campaign, short_config):
     records = [replace(x, units=Units("mrad", "N·m")) for x in read_campaign(made_up_campaign).tests]
     write_campaign(tmp_path / "torsion", name="torsion damper", description="", tests=records)
     out = tmp_path / "out"
