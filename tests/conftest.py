@@ -23,7 +23,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.models import Model, Reference, embedded_error, paper_parameters, sine_motion
 from bayes_iwan.models.normal_force import from_paper_hunt_crossley
 from bayes_iwan.models.stiffness import from_paper_stiffness
-from bayes_iwan.report import page, rendering
+from bayes_iwan.report import page, rendering, style
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 
@@ -143,6 +143,16 @@ def few_walkers():
         yield "from bayes_iwan.sampling import run; run.POPULATION = 64"
 
 
+@pytest.fixture(scope="module")
+def few_quick_walkers(few_walkers):
+    """Quick runs have as few, in a third of the time, for tests of words and files. Gives the line for a child."""
+    from bayes_iwan.inference.solving import posterior_draws
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(posterior_draws.QUICK, "walkers", 16)
+        yield f"{few_walkers}; from bayes_iwan.inference.solving import posterior_draws as p; p.QUICK['walkers'] = 16"
+
+
 # the analyses' scripts give their workers one thread through the environment; run inside this process they must not
 # change the number that numba has started with
 os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
@@ -158,15 +168,18 @@ def no_figure_files():
 
 @pytest.fixture(scope="module")
 def no_pictures(no_figure_files):
-    """Pages with their words and tables, figures made but not drawn: half a page's time, for tests of other things.
+    """Pages with their words and tables, figures made but not drawn nor made for phones: half a page's time and less,
+    for tests of other things.
     Gives the line that does it in a child."""
     with pytest.MonkeyPatch.context() as patch:
         nothing = rendering.Rendered(Markup("<svg></svg>"))
         patch.setattr(rendering.Renderer, "rendered", lambda self, order: nothing)
         patch.setattr(rendering, "_start", lambda: None)  # no second process for nothing
+        patch.setattr(style, "_on_phone", lambda drawn: style.blank(1.0))
         yield (
             "from bayes_iwan.report import rendering as r; r._start = lambda: None; "
-            "r.Renderer.rendered = lambda *_: r.Rendered(r.Markup('<svg></svg>'))"
+            "r.Renderer.rendered = lambda *_: r.Rendered(r.Markup('<svg></svg>')); "
+            "from bayes_iwan.report import style as s; s._on_phone = lambda _: s.blank(1.0)"
         )
 
 

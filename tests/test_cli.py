@@ -190,7 +190,7 @@ def test_check_says_what_was_read(tmp_path, capsys, made_up_campaign):
     assert float(row[1]) == pytest.approx(10.0, rel=1e-3) and float(row[2]) == pytest.approx(1.0, rel=1e-2)
 
 
-@pytest.mark.usefixtures("few_walkers", "no_pictures")
+@pytest.mark.usefixtures("few_quick_walkers", "no_pictures")
 def test_identify_writes_and_reports(tmp_path, capsys, made_up_campaign, short_config):
     out = tmp_path / "out"
     arguments = ["identify", str(made_up_campaign), "--out", str(out), "--config", str(short_config), "--seed", "1"]
@@ -220,7 +220,7 @@ def test_what_no_file_can_hold_is_refused_before_the_work(tmp_path, made_up_camp
     assert "name a folder" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("few_walkers", "no_pictures")
+@pytest.mark.usefixtures("few_quick_walkers", "no_pictures")
 def test_the_report_holds_the_frequencies_alone(tmp_path, made_up_campaign, short_config, monkeypatch):
     """After --per-test the page and its table hold the runs of single frequencies, unless these are of another model;
     cut short, the page of the joint run stands."""

@@ -31,7 +31,7 @@ def as_before(text):
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory, few_quick_walkers):
     """A quick run's folder and its posterior, with all parameters that have another name now."""
     campaign, out = tmp_path_factory.mktemp("campaign"), tmp_path_factory.mktemp("run")
     bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(campaign)

@@ -96,7 +96,7 @@ def run(command: list[str]) -> None:
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if p not in EXPORT], ids=lambda p: p.stem)
-def test_what_a_page_shows_runs(page, workplace, no_pictures, few_walkers):
+def test_what_a_page_shows_runs(page, workplace, no_pictures, few_quick_walkers):
     namespace = {"__name__": "shown"}
     for block in blocks_of(page):
         where = f"{page.name}:{block.line}"
@@ -104,7 +104,9 @@ def test_what_a_page_shows_runs(page, workplace, no_pictures, few_walkers):
             (workplace / block.file).write_text(block.text, encoding="utf-8")
             sys.modules.pop(Path(block.file).stem, None)
         elif block.language == "python":
-            exec(compile(block.text, where, "exec"), namespace)
+            code = compile(block.text, where, "exec")
+            if not block.mark:
+                exec(code, namespace)
         elif block.language == "bash":
             for command in block.commands:
                 if block.mark:
@@ -139,10 +141,11 @@ def test_an_unknown_option_is_found():
 
 
 @pytest.mark.parametrize("name", ["identify", "diagnose", "own_effect"])
-def test_notebook_runs(name, workplace, monkeypatch):
+def test_notebook_runs(name, workplace, monkeypatch, few_quick_walkers):
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     notebook = nbformat.read(GUIDE / "notebooks" / f"{name}.ipynb", as_version=4)
     assert all(not cell.get("outputs") for cell in notebook.cells), "notebooks are kept without their output"
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(few_quick_walkers))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(workplace)}}).execute()
     last = [cell for cell in notebook.cells if cell.cell_type == "code"][-1]

@@ -32,12 +32,12 @@ def test_a_signal_ends_a_run_and_resume_gives_the_same_answer(
 
 
 @pytest.mark.parametrize("more", [[], ["--quick"]], ids=["over the checkpoint", "over posterior.nc"])
-def test_a_full_disk_is_one_line(tmp_path, made_up_campaign, short_config, few_walkers, no_pictures, more):
+def test_a_full_disk_is_one_line(tmp_path, made_up_campaign, short_config, few_quick_walkers, no_pictures, more):
     """HDF5 itself would end the process with a segmentation fault."""
     words = ["identify", str(made_up_campaign), "--out", str(tmp_path / "out"), "--config", str(short_config), *more]
     code = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000)); "
-        f"{few_walkers}; {no_pictures}; from bayes_iwan.cli import main; sys.exit(main())"
+        f"{few_quick_walkers}; {no_pictures}; from bayes_iwan.cli import main; sys.exit(main())"
     )
     run = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
     assert run.returncode == 2 and run.stderr.count("bayes-iwan:") == 1 and "Traceback" not in run.stderr

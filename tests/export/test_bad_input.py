@@ -26,10 +26,11 @@ class Spring(bi.Simulator):
 
 
 @pytest.fixture(scope="module")
-def here(made_up_campaign, tmp_path_factory):
+def here(made_up_campaign, few_quick_walkers, no_pictures, tmp_path_factory):
     """Runs of every kind: finished, unfinished, damaged, of another version, a diagnosis, a user's own simulator."""
     top = tmp_path_factory.mktemp("here")
-    config = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
+    parts = {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}
+    config = {"model": {**parts, "embedded": False}}
     found = bi.identify(made_up_campaign, quick=True, seed=1, progress=False, config=config)
     run_files.write(found, top / "run")
     for name in ("Lauf mit Umläuten ß", "damaged", "empty", "other"):
@@ -48,7 +49,7 @@ def here(made_up_campaign, tmp_path_factory):
     for name, schema in (("diagnosis", 5), ("older", 1)):
         (top / name).mkdir()
         (top / name / "fits.json").write_text(json.dumps({"schema": schema}))
-    bi.diagnose(made_up_campaign, top / "effects", quick=True, effects=EFFECT)
+    bi.diagnose(made_up_campaign, top / "effects", quick=True, effects=EFFECT, config={"model": parts})
     return top
 
 
@@ -61,7 +62,7 @@ CASES = {
     "another's name": ("run", {"to": "simulink"}, "'simulink' is no target"),
     "nearly a name": ("run", {"to": "fmuu"}, "did you mean 'fmu'?"),
     "fewer than none": ("run", {"draws": "-1"}, "draws must be 0 or more, not -1"),
-    "more than there are": ("run", {"draws": "99999"}, "draws can be 6400 at most, not 99999"),
+    "more than there are": ("run", {"draws": "99999"}, "draws can be 1600 at most, not 99999"),
     "unfinished": ("unfinished", {}, "no finished run there"),
     "nothing there": ("nowhere", {}, "no finished run there"),
     "a file as run": ("file", {}, "no finished run there"),

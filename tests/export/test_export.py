@@ -22,10 +22,12 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import ModelSettings
 from bayes_iwan.models import Simulator
 
+CLASSICAL = {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}
+
 
 @pytest.fixture(scope="module")
-def posterior(made_up_campaign):
-    config = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
+def posterior(made_up_campaign, few_quick_walkers):
+    config = {"model": {**CLASSICAL, "embedded": False}}
     return bi.identify(made_up_campaign, quick=True, seed=1, progress=False, config=config)
 
 
@@ -127,8 +129,9 @@ def test_a_diagnosis_is_exported_with_its_named_effects(fit, tmp_path):
     assert "viscous_damping_c_N_s_mm" in (tmp_path / "isolator.c").read_text()
 
 
-def test_a_diagnosis_has_the_method_whether_it_was_written_or_not(made_up_campaign, tmp_path):
-    bi.diagnose(made_up_campaign, tmp_path / "run", quick=True).export("json", tmp_path / "out", draws=1)
+def test_a_diagnosis_has_the_method_whether_it_was_written_or_not(made_up_campaign, tmp_path, no_pictures):
+    found = bi.diagnose(made_up_campaign, tmp_path / "run", quick=True, config={"model": CLASSICAL})
+    found.export("json", tmp_path / "out", draws=1)
     assert bi.load(tmp_path / "out").values["kp_N_mm"].shape == (2,)
 
 

@@ -11,9 +11,13 @@ from bayes_iwan.campaign import Campaign, Record, average
 from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.solving import posterior_draws
 from bayes_iwan.inference.solving.point import Point, laplace_scale, most_probable
 from bayes_iwan.models import Model, Reference, sine_motion
+from bayes_iwan.report import style
 from bayes_iwan.sampling.convergence import convergence_of
+
+from .chromium import BROWSER, NO_BROWSER, Chromium
 
 RATE = 1280.0
 TRUTH = {"kp_N_mm": 5.4, "force_zero_N": 0.0, "k1_N_mm": 15.0, "stiffness_ratio": 0.6, "t1_N": 0.5, "eta1": 2.2}
@@ -85,9 +89,30 @@ def wandering():
 @pytest.fixture(scope="session")
 def page(posterior, tmp_path_factory):
     """The folder of a report, with report.html and report.pdf in it."""
-    from bayes_iwan.report.browser import find_browser
     from bayes_iwan.report.identification.identification_page import identification_report
 
     out = tmp_path_factory.mktemp("report")
-    identification_report(posterior, out, pdf=find_browser() is not None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayes_iwan.report.page.FILES", False)  # of its figures, which have tests of their own
+        patch.setattr("bayes_iwan.sampling.run.POPULATION", 64)  # in runs without a frequency
+        patch.setitem(posterior_draws.QUICK, "walkers", 16)
+        identification_report(posterior, out, pdf=BROWSER is not None)
     return out
+
+
+@pytest.fixture(scope="module")
+def no_phones():
+    """Pages without their figures' variants for phones, which have the same texts."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "_on_phone", lambda drawn: style.blank(1.0))
+        yield
+
+
+@pytest.fixture(scope="session")
+def chromium(tmp_path_factory):
+    """One browser for all pages."""
+    if BROWSER is None:
+        pytest.skip(NO_BROWSER)
+    browser = Chromium(tmp_path_factory.mktemp("chromium"))
+    yield browser
+    browser.close()

@@ -5,14 +5,13 @@ from __future__ import annotations
 import html
 import json
 import re
-import subprocess
 import unicodedata
 from collections.abc import Iterable
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-from bayes_iwan.report.browser import OPTIONS, find_browser
+from .chromium import Chromium
 
 VOID = {"meta", "link", "br", "input", "img", "path", "circle", "use", "hr"}
 
@@ -63,20 +62,24 @@ def visible(page: str) -> str:
     return html.unescape(re.sub(r"<[^>]+>", " ", page))
 
 
-BROWSER = find_browser()
-NO_BROWSER = "no Chromium here; to run these tests: apt-get update && apt-get install -y chromium"
 WIDTHS = (390, 768, 1280, 1400)
 
-_FOUND = """
-  const out = document.createElement("pre");
-  out.id = "found";
-  out.textContent = JSON.stringify(found);
-  document.body.appendChild(out);
-})();
-</script></body>"""
-# every width is a frame of its own, so that media queries hold; what is found goes into an element for --dump-dom
-_WRAPPER = (
-    """<!DOCTYPE html><meta charset="utf-8"><body><script>
+# a page in a frame, drawn
+_SHOWN = """
+async function shown(html, width) {
+  const frame = document.createElement("iframe");
+  frame.style.cssText = "border:0;height:1200px;width:" + width + "px";
+  frame.srcdoc = html;
+  await new Promise((done) => { frame.onload = done; document.body.appendChild(frame); });
+  await drawn();
+  return frame;
+}
+const drawn = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+"""
+# every width is a frame of its own, so that media queries hold
+_CUT = (
+    _SHOWN
+    + """
 const html = %s, widths = %s, scrolled = %s, found = {};
 const SMALLEST = 8.9, BEYOND = 4; // px of a figure's letters on a phone, and of what of them may stick out of it
 function cut(doc, width) {
@@ -119,24 +122,20 @@ function cut(doc, width) {
   }
   return bad;
 }
-(async function () {
-  for (const width of widths) {
-    const frame = document.createElement("iframe");
-    frame.style.cssText = "border:0;height:1200px;width:" + width + "px";
-    frame.srcdoc = html;
-    await new Promise((done) => { frame.onload = done; document.body.appendChild(frame); });
-    await new Promise((done) => setTimeout(done, 100));
-    found[width] = cut(frame.contentDocument, frame.contentWindow.innerWidth);
-    frame.remove();
-  }
+for (const width of widths) {
+  const frame = await shown(html, width);
+  found[width] = cut(frame.contentDocument, frame.contentWindow.innerWidth);
+  frame.remove();
+}
+return found;
 """
-    + _FOUND
 )
 
 
 # every page in a frame as tall as it is; of each text its contrast with what lies beneath it, figures' shapes included
 _PALE = (
-    """<!DOCTYPE html><meta charset="utf-8"><body><script>
+    _SHOWN
+    + """
 const pages = %s, found = {}, LEAST = 4.5; // WCAG 2.2, 1.4.3
 const rgba = (text) => [...(text.match(/[\\d.]+/g) || [0, 0, 0, 0]).map(Number), 1].slice(0, 4);
 const over = (top, under) => top.slice(0, 3).map((x, i) => x * top[3] + under[i] * (1 - top[3])).concat(1);
@@ -172,65 +171,25 @@ function pale(doc) {
   }
   return bad;
 }
-(async function () {
-  for (const [name, html] of Object.entries(pages)) {
-    const frame = document.createElement("iframe");
-    frame.style.cssText = "border:0;height:1200px;width:1280px";
-    frame.srcdoc = html;
-    await new Promise((done) => { frame.onload = done; document.body.appendChild(frame); });
-    for (const d of frame.contentDocument.querySelectorAll("details")) d.open = true;
-    frame.style.height = frame.contentDocument.documentElement.scrollHeight + "px";
-    await new Promise((done) => setTimeout(done, 100));
-    found[name] = pale(frame.contentDocument);
-    frame.remove();
-  }
+for (const [name, html] of Object.entries(pages)) {
+  const frame = await shown(html, 1280);
+  for (const d of frame.contentDocument.querySelectorAll("details")) d.open = true;
+  frame.style.height = frame.contentDocument.documentElement.scrollHeight + "px";
+  await drawn();
+  found[name] = pale(frame.contentDocument);
+  frame.remove();
+}
+return found;
 """
-    + _FOUND
 )
 
 
-def run_browser(page: Path | str, profile: Path, *options: str) -> tuple[str, str]:
-    """Run Chromium on a local file or an address; returns its stdout and stderr."""
-    command = [str(BROWSER), *OPTIONS, f"--user-data-dir={profile}", "--enable-logging=stderr"]
-    command += ["--virtual-time-budget=20000", *options, page if isinstance(page, str) else page.as_uri()]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
-    return run.stdout, run.stderr
-
-
-def open_to_scripts(page: str) -> str:
-    """The page with a policy that lets this file's scripts in beside the page's own; the rest of it stands."""
-    text, n = re.subn(r"script-src [^;]+", "script-src 'unsafe-inline'", page)
-    assert n == 1
-    return text
-
-
-def done_in(page: Path, script: str, folder: Path) -> Any:
-    """What a script finds in a page after its own: the value of an async function with this body."""
-    text = open_to_scripts(page.read_text(encoding="utf-8"))
-    put = """<script>(async function () { %s })().then((found) => {
-      const out = document.createElement("pre");
-      out.id = "found";
-      out.textContent = JSON.stringify(found);
-      document.body.appendChild(out);
-    });</script></body>"""
-    path = folder / f"{page.stem}_done.html"
-    path.write_text(text.replace("</body>", put % script), encoding="utf-8")
-    return found_in(path, folder)
-
-
-def found_in(path: Path, folder: Path, *options: str) -> Any:
-    """What a page's script puts into its element "found"."""
-    out, err = run_browser(path, folder / "profile", "--dump-dom", *options)
-    found = re.search(r'<pre id="found">(.*?)</pre>', out, re.S)
-    assert found, err[-2000:]
-    return json.loads(html.unescape(found.group(1)))
-
-
-def found_by(wrapper: str, told: tuple[object, ...], folder: Path, *options: str) -> Any:
-    """What a wrapper's script, with what it is told, puts into its element "found"."""
-    path = folder / "wrapped.html"
-    path.write_text(wrapper % tuple(json.dumps(x).replace("<", "\\u003c") for x in told), encoding="utf-8")
-    return found_in(path, folder, *options)
+def _found(script: str, given: tuple[object, ...], chromium: Chromium, dark: bool = False) -> Any:
+    """What a script with what it is given returns from an empty page."""
+    blank = chromium.folder / "blank.html"
+    blank.write_text("<!DOCTYPE html><body>", encoding="utf-8")
+    chromium.open(blank, 1500, 1300, dark)
+    return chromium.done(script % tuple(map(json.dumps, given)))
 
 
 def _source(page: Path) -> str:
@@ -239,16 +198,15 @@ def _source(page: Path) -> str:
 
 
 def cut_elements(
-    page: Path, folder: Path, widths: tuple[int, ...] = WIDTHS, scrolled: int = 10_000
+    page: Path, chromium: Chromium, widths: tuple[int, ...] = WIDTHS, scrolled: int = 10_000
 ) -> dict[str, list[str]]:
     """What is cut or sticks out of a page, a list for each width in px; below `scrolled` px tables may scroll."""
-    return found_by(_WRAPPER, (_source(page), widths, scrolled), folder, "--window-size=1500,1300")
+    return _found(_CUT, (_source(page), widths, scrolled), chromium)
 
 
-def pale_texts(pages: Iterable[Path], folder: Path, dark: bool) -> dict[str, list[str]]:
+def pale_texts(pages: Iterable[Path], chromium: Chromium, dark: bool) -> dict[str, list[str]]:
     """Texts whose contrast with what they stand on is below 4.5, a list for each page."""
-    scheme = f"--blink-settings=preferredColorScheme={0 if dark else 1}"
-    return found_by(_PALE, ({p.name: _source(p) for p in pages},), folder, scheme)
+    return _found(_PALE, ({p.name: _source(p) for p in pages},), chromium, dark)
 
 
 def printed(pdf: Path) -> list[list[tuple[str, float, float]]]:

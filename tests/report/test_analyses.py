@@ -72,7 +72,7 @@ def test_every_script_finds_what_it_takes_from_the_package_and_says_how_it_is_ru
     assert runs == (f"analyses/{name}.py" in import_module(name).__doc__)
 
 
-@pytest.mark.usefixtures("few_walkers")
+@pytest.mark.usefixtures("few_quick_walkers")
 def test_loops_of_table_1_tell_the_product_alone(tmp_path):
     """Identified for two seconds, k̃ₙβ is found within some percent while β wanders far more."""
     paper = import_module("reproduce_paper")

@@ -31,7 +31,7 @@ CONFIG = {
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _quick(no_pictures, few_walkers):
+def _quick(no_pictures, few_quick_walkers):
     """For every batch here."""
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-import json
 import re
 
 import pytest
@@ -12,14 +10,12 @@ from pypdf import PdfReader
 from bayes_iwan.report.browser import print_pdf
 from bayes_iwan.report.identification.predictive import predict
 
-from .layout import BROWSER, NO_BROWSER, open_to_scripts, run_browser
+from .chromium import BROWSER, NO_BROWSER
 
 pytestmark = [pytest.mark.usefixtures("no_figure_files"), pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)]
 
-# runs in the page after its own scripts; what it finds goes into an element that --dump-dom brings back
+# runs in the page after its own scripts
 CHECK = """
-<script>
-(async function () {
   const get = (id) => document.getElementById(id), out = { errors: window.pageErrors, tests: [],
     resources: performance.getEntriesByType("resource").map((e) => e.name).filter((n) => !n.startsWith("data:")) };
   const set = (id, value) => { get(id).value = value; get(id).dispatchEvent(new Event("change", { bubbles: true })); };
@@ -51,53 +47,33 @@ CHECK = """
     get(id).focus();
     return document.activeElement === get(id) && (get(id).labels || []).length === 1;
   });
-  const found = document.createElement("pre");
-  found.id = "found";
-  found.textContent = JSON.stringify(out);
-  document.body.appendChild(found);
-})();
-</script>
+  return out;
 """
 EARLY = """
-<script>
 window.pageErrors = [];
 window.onerror = (message) => { window.pageErrors.push(String(message)); };
 document.addEventListener("securitypolicyviolation", (e) => window.pageErrors.push("asked for " + e.blockedURI));
-</script>
 """
 
 
 @pytest.fixture(scope="module")
-def seen(page, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("browser")
-    text = open_to_scripts((page / "report.html").read_text(encoding="utf-8"))
-    path = folder / "report.html"
-    path.write_text(text.replace("<head>", "<head>" + EARLY, 1).replace("</body>", CHECK + "</body>"), encoding="utf-8")
-    out, err = run_browser(path, folder / "profile", "--dump-dom", "--window-size=1200,900")
-    found = re.search(r'<pre id="found">(.*?)</pre>', out, re.S)
-    assert found, err[-2000:]
-    return json.loads(html.unescape(found.group(1))), err
+def seen(page, chromium):
+    chromium.open(page / "report.html", 1200, 900, early=EARLY)
+    return chromium.done(CHECK), chromium.said
 
 
 def test_no_error_and_nothing_from_outside(seen):
-    found, err = seen
-    assert found["errors"] == []
-    assert found["resources"] == []
-    assert "CONSOLE" not in err, [line for line in err.splitlines() if "CONSOLE" in line]
+    found, said = seen
+    assert found["errors"] == found["resources"] == said == []
 
 
-def test_an_outside_request_would_be_seen(page, tmp_path):
-    text = open_to_scripts((page / "report.html").read_text(encoding="utf-8"))
+def test_an_outside_request_would_be_seen(page, chromium, tmp_path):
+    text = (page / "report.html").read_text(encoding="utf-8")
     path = tmp_path / "bad.html"
-    check = CHECK.replace('get("v-test").options', "[]")
-    path.write_text(
-        text.replace("<head>", "<head>" + EARLY, 1).replace(
-            "</body>", '<img src="https://example.org/a.png">' + check + "</body>"
-        ),
-        encoding="utf-8",
-    )
-    out, _ = run_browser(path, tmp_path / "profile", "--dump-dom")
-    assert '"resources":["https://example.org/a.png"]' in out
+    path.write_text(text.replace("</body>", '<img src="https://example.org/a.png"></body>'), encoding="utf-8")
+    chromium.open(path, early=EARLY)
+    found = chromium.done(CHECK.replace('get("v-test").options', "[]"))
+    assert found["resources"] == ["https://example.org/a.png"] and found["errors"] and chromium.said
 
 
 def test_viewer_draws_every_test_in_every_way(seen, posterior):

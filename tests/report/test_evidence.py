@@ -83,7 +83,7 @@ def test_left_out_tests_by_weights_and_by_moves(posterior, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def comparison(posterior, few_walkers):
+def comparison(posterior, few_quick_walkers):
     return compare_families(
         posterior.problem.loops, ["constant_normal_force", "gamma1"], config=TINY, seed=2, by="tests", progress=False
     )

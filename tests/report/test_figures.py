@@ -167,15 +167,15 @@ def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_pa
         sizes = []
         for size in (9.0, 18.0):  # this package's own, and twice that
             with mpl.rc_context({"font.size": size}):
-                sizes.append({x.get_text(): x.get_fontsize() for x in draw(posterior, width="page").findobj(Text)})
+                whole = draw(posterior, width="page")
+                sizes.append({x.get_text(): x.get_fontsize() for x in whole.findobj(Text)})
         assert all(sizes[1][x] == 2.0 * of for x, of in sizes[0].items() if x in sizes[1]), draw
     assert max(map(len, repr(posterior).split("\n"))) <= 110
     for name in ("f.svg", "f.pdf", "f.png"):
         assert bi.plot.save(figure, tmp_path / name).stat().st_size > 1000
     with pytest.raises(ValueError, match="panels, 1 axes"):
         bi.plot.trends(posterior, ax=ax)
-    whole = bi.plot.corner(posterior, width="page")
-    assert whole.get_figwidth() == 7.2
+    assert whole.get_figwidth() == 7.2  # the last: a corner
     assert len(bi.plot.corner(posterior).for_phone().axes) == 10 < len(whole.axes)  # four quantities alone
     with pytest.raises(ValueError, match="makes its own axes"):
         bi.plot.corner(posterior, ax=ax)

@@ -8,14 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from bayes_iwan.report.browser import print_pdf
-
-from .layout import BROWSER, NO_BROWSER, WIDTHS, Outline, cut_elements, run_browser, torn
+from .layout import WIDTHS, Outline, cut_elements, torn
 
 GUIDE = Path(__file__).parents[2] / "analyses" / "guide"
 if not GUIDE.is_dir():
     pytest.skip("the guide is not part of this installation", allow_module_level=True)
-needs_browser = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
 
 
 @pytest.fixture(scope="module")
@@ -52,30 +49,29 @@ def test_formulae_are_mathml(site):
     assert text.count("<math") > 20 and "$" not in re.sub(r"<script.*?</script>", "", text, flags=re.S)
 
 
-def opened(address: str, folder: Path) -> tuple[str, str]:
-    """The page as Chromium shows it, and what it says."""
-    shown, said = run_browser(address, folder, "--dump-dom")
-    return shown, "\n".join(line for line in said.splitlines() if "CONSOLE" in line)
+def test_site_opens_in_a_browser_and_finds_words(site, chromium):
+    def opened(page: str, query: str = "") -> tuple[str, list[str]]:
+        """The page as Chromium shows it, and what it says."""
+        chromium.open((site / page).as_uri() + query)
+        return chromium.done("return document.documentElement.outerHTML"), chromium.said
 
-
-@needs_browser
-def test_site_opens_in_a_browser_and_finds_words(site, tmp_path):
-    shown, said = opened((site / "index.html").as_uri(), tmp_path)
-    assert "First identification" in shown and said == ""
-    shown, said = opened((site / "search.html").as_uri() + "?q=compliance", tmp_path)
-    assert said == "" and re.search(r"[1-9]\d* places? for “compliance”", shown), shown[-2000:]
+    shown, said = opened("index.html")
+    assert "First identification" in shown and said == []
+    shown, said = opened("search.html", "?q=compliance")
+    assert said == [] and re.search(r"[1-9]\d* places? for “compliance”", shown), shown[-2000:]
     assert 'href="./glossary.html' in shown
-    shown, said = opened((site / "search.html").as_uri() + "?q=identify", tmp_path)
+    shown, said = opened("search.html", "?q=identify")
     assert 'href="./api/bayes_iwan.html#identify"' in shown
-    shown, said = opened((site / "api" / "bayes_iwan.html").as_uri(), tmp_path)
-    assert 'id="identify"' in shown and said == ""
+    shown, said = opened("api/bayes_iwan.html")
+    assert 'id="identify"' in shown and said == []
 
 
-@needs_browser
-def test_no_page_is_cut_or_torn_in_print(site, tmp_path):
+def test_no_page_is_cut_or_torn_in_print(site, chromium, tmp_path):
     pages = [p for p in sorted(site.glob("*.html")) if p.stem not in ("404", "search")]
     assert len(pages) > 10
-    assert {p.name: cut_elements(p, tmp_path) for p in pages} == {
+    assert {p.name: cut_elements(p, chromium) for p in pages} == {
         p.name: {str(width): [] for width in WIDTHS} for p in pages
     }
-    assert {p.name: torn(p, print_pdf(p, tmp_path / f"{p.stem}.pdf")) for p in pages} == {p.name: [] for p in pages}
+    assert {p.name: torn(p, chromium.printed(p, tmp_path / f"{p.stem}.pdf")) for p in pages} == {
+        p.name: [] for p in pages
+    }

@@ -1,5 +1,6 @@
 """The page of `bayes-iwan inspect`, and the same in the terminal."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from bayes_iwan.campaign import read_campaign, write_campaign
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.report.inspection.inspect_page import inspect_to
 
-from .layout import BROWSER, NO_BROWSER, cut_elements
+from .layout import cut_elements
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
 
@@ -36,7 +37,7 @@ def test_remarks_come_first_and_are_those_of_check(tmp_path, capsys):
     test = campaign.tests[0]
     hum = 0.2 * np.sin(2 * np.pi * 50.1 * test.time_s)
     offset = replace(test, force_N=test.force_N + 100.0 + hum)
-    write_campaign(tmp_path / "c", name="odd", description="", tests=[offset, *campaign.tests[1:3]])
+    write_campaign(tmp_path / "c", name="odd", description="", tests=[offset, campaign.tests[1]])
     text = inspect_to(tmp_path / "c", tmp_path / "out")
     assert "mains in the force" in text and "static load" in text
     page = (tmp_path / "out" / "inspect.html").read_text()
@@ -56,16 +57,19 @@ def test_other_quantities_keep_their_units(tmp_path):
 
 
 def test_an_accelerometer_s_response_is_stated(tmp_path):
-    text = inspect_to(ROOT / "data" / "rope_spring_accelerometer", tmp_path)
+    campaign = tmp_path / "campaign"
+    shutil.copytree(ROOT / "data" / "rope_spring_accelerometer", campaign)
+    head, *tests = (campaign / "campaign.toml").read_text(encoding="utf-8").split("[[test]]")
+    (campaign / "campaign.toml").write_text("[[test]]".join([head, *tests[:2]]), encoding="utf-8")
+    text = inspect_to(campaign, tmp_path)
     for said in (text, (tmp_path / "inspect.html").read_text()):
         assert "amplitude 1 and phase 0" in said and "integrated twice" in said
 
 
-@pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
-def test_the_widest_table_fits_a_screen_of_1280_px(tmp_path):
+def test_the_widest_table_fits_a_screen_of_1280_px(chromium, tmp_path):
     """Energies of seven digits with their intervals, and ten columns."""
     campaign = read_campaign(ROOT / "data" / "rope_spring")
     large = [replace(t, force_N=1e4 * t.force_N) for t in campaign.tests[:2]]
     write_campaign(tmp_path / "large", name="large", description="", tests=large)
     inspect_to(tmp_path / "large", tmp_path)
-    assert cut_elements(tmp_path / "inspect.html", tmp_path, (1280,), scrolled=1280) == {"1280": []}
+    assert cut_elements(tmp_path / "inspect.html", chromium, (1280,), scrolled=1280) == {"1280": []}

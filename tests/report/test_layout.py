@@ -19,14 +19,13 @@ from bayes_iwan.diagnosis.assessment.budget import Share
 from bayes_iwan.report import style
 from bayes_iwan.report.batch.batch_page import write_batch_page
 from bayes_iwan.report.batch.specimens import Finished, Quantity, summarised
-from bayes_iwan.report.browser import BrowserError, find_browser, print_pdf
+from bayes_iwan.report.browser import BrowserError, find_browser
 from bayes_iwan.report.identification.identification_page import identification_report
 from bayes_iwan.report.inspection.inspect_page import inspect_to
 from bayes_iwan.report.page import Page, of_folder
 
-from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, done_in, pale_texts, torn
+from .layout import WIDTHS, cut_elements, pale_texts, torn
 
-needs_browser = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
 SHORT = {
     "search": {"members": 40, "evaluations": 400, "starts": 2, "second_search": False},
     "sampling": {"ensembles": 2, "budget_s": 2.0, "draws": 200},
@@ -59,7 +58,7 @@ def out(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def results(out, posterior, specimens, made_up_campaign, few_walkers):
+def results(out, posterior, specimens, made_up_campaign, few_quick_walkers):
     """Every kind of result, by name; those with a page have written it."""
     posterior = replace(posterior)  # what it computes when asked is computed here, by few walkers
     campaign = bi.demo(out / "demo")
@@ -97,21 +96,19 @@ def pages(page, results, out, made_up_campaign):
     return out
 
 
-@needs_browser
 @pytest.mark.parametrize("name", ["report", "inspect", "batch", "diagnosis", "compare"])
-def test_nothing_is_cut_at_any_width_nor_in_print(pages, tmp_path, name):
+def test_nothing_is_cut_at_any_width_nor_in_print(pages, chromium, tmp_path, name):
     html = pages / f"{name}.html"
-    found = cut_elements(html, tmp_path)
+    found = cut_elements(html, chromium)
     assert found == {str(width): [] for width in WIDTHS}
-    assert torn(html, print_pdf(html, tmp_path / "page.pdf")) == []
+    assert torn(html, chromium.printed(html, tmp_path / "page.pdf")) == []
     assert html.stat().st_size < 3_000_000
     for written in (x for x in pages.rglob("*") if x.is_file()):
         assert str(pages.parent).encode() not in written.read_bytes(), f"a local path is in {written.name}"
 
 
-@needs_browser
 @pytest.mark.parametrize("dark", [True, False], ids=["dark", "light"])
-def test_no_text_is_pale_on_a_dark_screen_nor_on_a_light_one(pages, results, tmp_path, dark):
+def test_no_text_is_pale_on_a_dark_screen_nor_on_a_light_one(pages, results, chromium, tmp_path, dark):
     """Bars among them of what no diagnosis here has: a gap without a name, and pale letters, which are seen."""
     found = results["diagnosis"]
     whole = replace(found.budget.unexplained, share=Share(1.0, 1.0, 1.0), probability=1.0)
@@ -120,7 +117,7 @@ def test_no_text_is_pale_on_a_dark_screen_nor_on_a_light_one(pages, results, tmp
     page.section("Unexplained").figure(bi.plot.gap(unexplained), "caption", "alt", name="bars")
     page.section("Pale").html(Markup('<p style="color: #808080">pale words</p>'))
     page.write(tmp_path / "bars.html")
-    seen = pale_texts([*sorted(pages.glob("*.html")), tmp_path / "bars.html"], tmp_path, dark)
+    seen = pale_texts([*sorted(pages.glob("*.html")), tmp_path / "bars.html"], chromium, dark)
     assert [x.partition(": ")[2] for x in seen.pop("bars.html")] == ["pale words"]
     assert len(seen) == 5 and seen == {name: [] for name in seen}
 
@@ -199,9 +196,9 @@ return [out, document.querySelectorAll("[aria-sort]").length];
 """
 
 
-@needs_browser
-def test_a_click_on_a_column_of_the_batch_sorts_by_it(pages, tmp_path):
-    found, marked = done_in(pages / "batch.html", SORTED, tmp_path)
+def test_a_click_on_a_column_of_the_batch_sorts_by_it(pages, chromium):
+    chromium.open(pages / "batch.html")
+    found, marked = chromium.done(SORTED)
     assert marked == 1 and len(found) >= 5
     for name, (before, up, ascending, down, descending) in found.items():
         assert (ascending, descending) == ("ascending", "descending"), name
@@ -243,11 +240,11 @@ return out;
 """
 
 
-@needs_browser
-def test_an_effect_is_switched_and_a_loop_zoomed(pages, tmp_path):
+def test_an_effect_is_switched_and_a_loop_zoomed(pages, chromium):
     """The model without its effects is what the diagnosis predicts, drawn beside none; a drag shows a part of it."""
     page = pages / "diagnosis.html"
-    found = done_in(page, SWITCHED, tmp_path)
+    chromium.open(page)
+    found = chromium.done(SWITCHED)
     data = re.search(r'id="viewer-data">(.*?)</script>', page.read_text(encoding="utf-8"), re.S)
     first = json.loads(data.group(1))["tests"][0]["sets"]
     assert found["on"] == found["again"] and found["zoomed"] and found["back"]
@@ -258,19 +255,18 @@ def test_an_effect_is_switched_and_a_loop_zoomed(pages, tmp_path):
     assert found["on"]["read"] != found["off"]["read"]
 
 
-@needs_browser
-def test_what_is_cut_would_be_seen(tmp_path):
+def test_what_is_cut_would_be_seen(chromium, tmp_path):
     page = Page("cut")
     page.section("Wide").html(Markup("<p>Words.</p>"))
     path = page.write(tmp_path / "cut.html")
     wide = '<main><div style="width:600px;height:9px">wide</div><div style="width:99px;overflow:hidden">'
     path.write_text(path.read_text().replace("<main", wide + "<p style=width:300px>hidden</p></div></main><main", 1))
-    found = cut_elements(path, tmp_path, (390, 1280))
+    found = cut_elements(path, chromium, (390, 1280))
     assert any("sticks out: DIV" in x for x in found["390"]) and any("cut: DIV" in x for x in found["390"])
     assert not any("sticks out" in x for x in found["1280"]) and any("cut: DIV" in x for x in found["1280"])
 
 
-@needs_browser
+@pytest.mark.usefixtures("chromium")
 def test_pdf_is_the_report(page):
     from pypdf import PdfReader
 

@@ -27,7 +27,7 @@ from bayes_iwan.report.style import save, subplots
 
 from .layout import Outline
 
-pytestmark = pytest.mark.usefixtures("no_figure_files")
+pytestmark = pytest.mark.usefixtures("no_figure_files", "few_quick_walkers")
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from bayes_iwan.report.style import relabel
 
 from .layout import visible
 
-pytestmark = pytest.mark.usefixtures("no_figure_files")
+pytestmark = pytest.mark.usefixtures("no_figure_files", "no_phones", "few_quick_walkers")
 
 #: newtons that are no newton metres, and millimetres; names of numbers with these units
 FOREIGN = re.compile(r"(?<![\w·])(?:[km]?N(?!·m|\w)|mm(?!\w))|\w_(?:N|mm)(?:_\w+)?(?![\w.])")
@@ -35,7 +35,6 @@ def test_an_identification_of_torque_over_angle(tmp_path, capsys, made_up_campai
     records = [replace(x, units=Units("mrad", "N·m")) for x in read_campaign(made_up_campaign).tests]
     write_campaign(tmp_path / "torsion", name="torsion damper", description="", tests=records)
     out = tmp_path / "out"
-    # by independent proposals, which are quickest where they fit
     arguments = ["identify", str(tmp_path / "torsion"), "--out", str(out), "--config", str(short_config), "--seed", "1"]
     assert cli.main(arguments) in (0, 3)
     said = capsys.readouterr().out

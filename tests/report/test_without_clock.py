@@ -29,7 +29,7 @@ SAID = r"\d\s*k?Hz|\bHz\b|[Ff]requenc(y|ies)|[Ss]peeds?\b|\d m/s"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, no_figure_files, few_walkers):
+def folder(tmp_path_factory, no_figure_files, no_phones, few_quick_walkers):
     """Three levels of an elastic slider with a stronger upper half, imported without a clock, and all that is made."""
     root = tmp_path_factory.mktemp("clockless")
     rng = np.random.default_rng(3)
