@@ -116,7 +116,6 @@ def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
         assert figure.axes
 
 
-@pytest.mark.usefixtures("no_pictures")
 def test_a_prior_that_excludes_the_truth_and_a_wrong_fixed_value_are_said(made_up_campaign, tmp_path, capsys):
     config = tmp_path / "c.toml"
     model = '[model]\nslip = "gamma1"\nnormal_force = "constant"\nstiffness = "constant"\nembedded = false\n'

@@ -105,7 +105,7 @@ def test_a_rival_s_force_honours_effects(rival):
     assert inner_effects(extended.effects) == ()
 
 
-@pytest.mark.usefixtures("no_pictures", "few_walkers")
+@pytest.mark.usefixtures("no_pictures", "few_quick_walkers")
 def test_own_simulator_by_the_command_line(tmp_path, capsys):
     """identify --simulator: numbers come back, pages and tables hold nothing of slip forces, results load again."""
     name = "damped_spring"

@@ -235,7 +235,7 @@ def test_uniform_ranks_pass_and_bent_ones_do_not():
     assert max(bent.values()) < 0.01
 
 
-@pytest.mark.usefixtures("few_walkers")
+@pytest.mark.usefixtures("few_quick_walkers")
 @pytest.mark.parametrize("way", [["--budget", "2"], ["--from-truth"]])
 def test_simulation_based_calibration_runs(tmp_path, monkeypatch, way):
     monkeypatch.chdir(ROOT)
@@ -248,7 +248,7 @@ def test_simulation_based_calibration_runs(tmp_path, monkeypatch, way):
     assert (tmp_path / "sbc.png").stat().st_size > 5000
 
 
-@pytest.mark.usefixtures("small_design", "few_walkers")
+@pytest.mark.usefixtures("small_design", "few_quick_walkers")
 def test_coverage_on_the_rig_runs(tmp_path, monkeypatch):
     ways = ["--kind", "exact", "--forms", "plain", "--draws", "sampled", "quick"]
     asked = ["coverage_rig.py", "--cases", "1", "--budget", "1", "--out", str(tmp_path), *ways]
