@@ -316,7 +316,7 @@ def one(name: str, problem: Problem, point: Point, starts: np.ndarray, seconds: 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("campaign", nargs="?", default="data/rope_spring")
-    parser.add_argument("--embedded", action="store_true", help="the default model (29 numbers)")
+    parser.add_argument("--embedded", action="store_true", help="the default model")
     parser.add_argument("--seconds", type=float, default=120.0, help="processor seconds each")
     parser.add_argument("--only", nargs="+", choices=SAMPLERS, default=list(SAMPLERS))
     parser.add_argument("--seed", type=int, default=1)
