@@ -169,8 +169,7 @@ def no_figure_files():
 @pytest.fixture(scope="module")
 def no_pictures(no_figure_files):
     """Pages with their words and tables, figures made but not drawn nor made for phones: half a page's time and less,
-    for tests of other things.
-    Gives the line that does it in a child."""
+    for tests of other things. Gives the line that does it in a child."""
     with pytest.MonkeyPatch.context() as patch:
         nothing = rendering.Rendered(Markup("<svg></svg>"))
         patch.setattr(rendering.Renderer, "rendered", lambda self, order: nothing)

@@ -37,8 +37,7 @@ _SHORTEST, _WHOLE_STEPS = 0.1, 0.1
 _MOVED = 1 / 3, 2 / 3, 1.0
 _SNOOKER = 1.7  # factor of the projected difference
 #: components of each block's mixture. Draws of walkers depend on each other: ten thousand tell as much as a few hundred
-#: independent ones, which more components follow too closely. On `data/rope_spring`, of moves from one half of a run to
-#: draws of its other half 2 % are accepted with eight and twentieths of the whole covariance, 15 % with these
+#: independent ones, which more components follow too closely (time to convergence: `analyses/guide/measured.md`)
 _COMPONENTS = 3
 #: of steps that are independent proposals of all coordinates, of one block, along differences, and snooker's
 _SHARES = 0.4, 0.2, 0.2, 0.2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import re
 import select
 import subprocess
@@ -13,6 +14,7 @@ from typing import Any
 from bayes_iwan.report.browser import OPTIONS, find_browser
 
 BROWSER = find_browser()
+PIPES = os.name == "posix"  # its pipe for tools is two more open files, which Windows hands on in another way
 NO_BROWSER = "no Chromium here; to run these tests: apt-get update && apt-get install -y chromium"
 PATIENCE_S = 180.0
 

@@ -17,7 +17,7 @@ from bayes_iwan.models import Model, Reference, sine_motion
 from bayes_iwan.report import style
 from bayes_iwan.sampling.convergence import convergence_of
 
-from .chromium import BROWSER, NO_BROWSER, Chromium
+from .chromium import BROWSER, NO_BROWSER, PIPES, Chromium
 
 RATE = 1280.0
 TRUTH = {"kp_N_mm": 5.4, "force_zero_N": 0.0, "k1_N_mm": 15.0, "stiffness_ratio": 0.6, "t1_N": 0.5, "eta1": 2.2}
@@ -111,8 +111,8 @@ def no_phones():
 @pytest.fixture(scope="session")
 def chromium(tmp_path_factory):
     """One browser for all pages."""
-    if BROWSER is None:
-        pytest.skip(NO_BROWSER)
+    if BROWSER is None or not PIPES:
+        pytest.skip(NO_BROWSER if PIPES else "Chromium is asked by POSIX pipes here")
     browser = Chromium(tmp_path_factory.mktemp("chromium"))
     yield browser
     browser.close()

@@ -14,7 +14,7 @@ import numpy as np
 from bayes_iwan.models.kernels.vectors import apart_and_wide
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-#: added to the squares of unit vectors, so that those that are nearly others get no large weights against each other
+#: share added to the squares of vectors, so that those that are nearly others get no large weights against each other
 _DAMPED = 1e-12
 
 
@@ -250,28 +250,27 @@ def series_step(
 @_jit
 def _least_squares(products, weight, root, n):
     """Weights of n vectors that best make another, into weight, which holds its products with them; products (n, n) :
-    theirs with each other. By Cholesky's decomposition at unit lengths; a vector of no length gets 0. root : for work.
-    """
+    theirs with each other. By Cholesky's decomposition; a vector of no length gets 0. root : for work."""
     for a in range(n):
-        for b in range(a + 1):
-            lengths = math.sqrt(products[a, a] * products[b, b])
-            total = products[a, b] / lengths if lengths > 0.0 else 0.0
-            total += _DAMPED if a == b else 0.0
+        for b in range(a):
+            total = products[a, b]
             for k in range(b):
                 total -= root[a, k] * root[b, k]
-            root[a, b] = total / root[b, b] if a != b else math.sqrt(max(total, _DAMPED))
+            root[a, b] = total / root[b, b] if root[b, b] > 0.0 else 0.0
+        total = (1.0 + _DAMPED) * products[a, a]
+        for k in range(a):
+            total -= root[a, k] * root[a, k]
+        root[a, a] = math.sqrt(max(total, _DAMPED * products[a, a]))
     for a in range(n):
-        length = math.sqrt(products[a, a])
-        total = weight[a] / length if length > 0.0 else 0.0
+        total = weight[a]
         for k in range(a):
             total -= root[a, k] * weight[k]
-        weight[a] = total / root[a, a]
+        weight[a] = total / root[a, a] if root[a, a] > 0.0 else 0.0
     for a in range(n - 1, -1, -1):
-        length = math.sqrt(products[a, a])
         total = weight[a]
         for k in range(a + 1, n):
-            total -= root[k, a] * weight[k] * math.sqrt(products[k, k])
-        weight[a] = total / root[a, a] / length if length > 0.0 else 0.0
+            total -= root[k, a] * weight[k]
+        weight[a] = total / root[a, a] if root[a, a] > 0.0 else 0.0
 
 
 @_jit
