@@ -13,7 +13,7 @@ from bayes_iwan.models.kernels import pointwise
 #: a motion in series is solved for until the residual displacement (RMS) of every loop is within this share of its
 #: amplitude, and where the force crosses zero until the force there is within this share of its largest
 TOLERANCE = 1e-9
-#: passes over the loops at most; a few draws, at a jump of their law, end there
+#: passes over the loops at most; a few draws, at a jump of their law, are not solved by then and get no force (NaN)
 MOST_PASSES = 40
 #: of these the last ones that the next motion is made of; three to six take as many passes
 REMEMBERED = 4
@@ -70,6 +70,8 @@ class RigCompliance(Effect):
                     x[open_] for x in (trial, step, left, held, slopes, moves, products, size)
                 )
             force = np.ascontiguousarray(inner(moved_by(base, trial), some))
+        else:
+            out[some] = np.nan
         return out
 
 
@@ -101,12 +103,15 @@ def _through_play(u: Array, velocity: Array, half: Array, soft: Array, crossing:
 
 
 @_jit
-def _first_crossings(u: Array, force: Array, crossing: Array, slope: Array) -> None:
-    """Where the force crosses zero on each branch, and its slope there (N/mm); ∓inf where it keeps its sign."""
+def _first_crossings(u: Array, half: Array, force: Array, crossing: Array, slope: Array) -> None:
+    """About where the force of a specimen with play crosses zero on each branch, and the slope there (N/mm): after as
+    long a way from its reversal, half the play further in, as the force of one without; ∓inf where that keeps its sign.
+    """
     draws, loops, samples = force.shape
     for d in range(draws):
         m = d % u.shape[0]
         for j in range(loops):
+            low, high = np.min(u[m, j]), np.max(u[m, j])
             for branch in range(2):
                 crossing[d, j, branch] = -np.inf if force[d, j, 0] > 0.0 else np.inf
                 for i in range(samples):
@@ -114,7 +119,9 @@ def _first_crossings(u: Array, force: Array, crossing: Array, slope: Array) -> N
                     x0, x1 = u[m, j, i - 1], u[m, j, i]
                     if (f0 < 0.0) != (f1 < 0.0) and (x1 > x0 if branch == 0 else x1 < x0) and (f1 > f0) == (x1 > x0):
                         slope[d, j, branch] = (f1 - f0) / (x1 - x0)
-                        crossing[d, j, branch] = x0 - f0 / slope[d, j, branch]
+                        c = x0 - f0 / slope[d, j, branch]
+                        further = c + half[d] if branch == 0 else c - half[d]
+                        crossing[d, j, branch] = min(max(further, 0.5 * (c + low)), 0.5 * (c + high))
                         break
 
 
@@ -179,7 +186,7 @@ class FreePlay(Effect):
         some, base = np.arange(len(out)), motion
         crossing, slope = np.empty((*out.shape[:2], 2)), np.empty((*out.shape[:2], 2))
         u, velocity = (np.ascontiguousarray(x) for x in (motion.displacement_mm, motion.velocity_m_s))
-        _first_crossings(u, out, crossing, slope)
+        _first_crossings(u, half, out, crossing, slope)
         first, last = slope.copy(), np.full((*slope.shape, 2), np.nan)
         for _ in range(MOST_PASSES):
             specimen, left = np.empty((len(some), *out.shape[1:])), np.empty(len(some))
@@ -192,6 +199,8 @@ class FreePlay(Effect):
             some, base = some[open_], base.of_draws(open_)
             u, velocity = (x if len(x) == 1 else x[open_] for x in (u, velocity))
             first, crossing, last, slope = (x[open_] for x in (first, crossing, last, slope))
+        else:
+            out[some] = np.nan
         return out
 
 

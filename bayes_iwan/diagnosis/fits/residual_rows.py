@@ -61,10 +61,13 @@ class Rows:
         return predicted(self.data, self.problem, np.concatenate([z[None], z + steps, z - steps]))
 
     def linear_of(self, around: Predicted, z: Array) -> Linear:
-        """The linear model at z (ndim,) from what is predicted around it."""
-        r, n = self.residual_from(around), len(z)
-        jacobian = (r[n + 1 :] - r[1 : n + 1]).T / (2.0 * STEP)
-        return Linear(r[0], jacobian, self.discrepancy, z.copy())
+        """The linear model at z (ndim,) from what is predicted around it; where a step to one side meets a place
+        without a force, by the other side alone."""
+        here, ahead, back = np.split(self.residual_from(around), [1, len(z) + 1])
+        sides = [np.isfinite(x).all(axis=1, keepdims=True) for x in (ahead, back)]
+        ahead, back = (np.where(known, x, here) for known, x in zip(sides, (ahead, back)))
+        width = STEP * np.maximum(np.add(*sides, dtype=float), 1.0)
+        return Linear(here[0], ((back - ahead) / width).T, self.discrepancy, z.copy())
 
     def sd(self, size: DiscrepancySize) -> Array:
         """(m,) what the rows are divided by, so that they are white."""

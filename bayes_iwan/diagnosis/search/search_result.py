@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
+from math import inf, isfinite
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.constants import ALIKE_NATS, EFFECT_NATS
@@ -70,9 +71,11 @@ def score(log_evidence: float, newtons: float, names: frozenset[str], pairs: int
 
         ln evidence + newtons − EFFECT_NATS · effects − ALIKE_NATS · pairs that look alike
 
-    newtons : :func:`.base.newton_nats` of the gap that is left; the last two terms are the prior of a set
+    newtons : :func:`.base.newton_nats` of the gap that is left; the last two terms are the prior of a set. A model
+    without a force at its optimum, or a step away from it, has the least score of all.
     """
-    return log_evidence + newtons - EFFECT_NATS * len(names) - ALIKE_NATS * pairs
+    total = log_evidence + newtons - EFFECT_NATS * len(names) - ALIKE_NATS * pairs
+    return total if isfinite(total) else -inf
 
 
 def part(fit: Fit, problem: Problem) -> Array:
