@@ -18,7 +18,7 @@ from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, newton_nat
 from bayes_iwan.diagnosis.search.candidates import candidate, start_points, stepped_on, weighed_alike
 from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, calibrated, friction_rms_N, silent
 from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, fit_singles, grow, search
-from bayes_iwan.diagnosis.search.search_result import LAST
+from bayes_iwan.diagnosis.search.search_result import LAST, score
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import TYPICAL_SHARE, Effect
 from bayes_iwan.effects.mounting import RigCompliance
@@ -344,6 +344,31 @@ def test_an_effect_without_a_finite_force_failed_and_is_not_called_improbable(ki
     found = search(base.data, base.scales, base.settings, kinds, np.random.default_rng(0))
     assert list(found.failed) == ["broken"] and "not finite (NaN or infinite)" in found.failed["broken"]
     assert "broken" not in found.effects and "viscous_damping" in found.effects
+
+
+def test_a_model_whose_force_ends_a_step_away_has_its_linear_model_and_one_without_a_force_the_least_score(kit):
+    """By the side that has a force; a score that is not a number would be that of every set."""
+    found = kit.diagnosed(None).search
+    problem, scales = found.base.problem, found.base.problem.scales
+
+    class Ending(Effect):
+        name, strength, most_N = "ending", ("push_N", "p", "N", "a constant force"), np.inf
+
+        def first_guess(self):
+            return 0.02
+
+        def force(self, force_N, motion, parameter_values):
+            push = self.get(parameter_values, "push_N")
+            return force_N + np.where(push <= self.most_N, push, np.nan)
+
+    whole = problem.with_effects([Ending(scales, strength_value=0.02)])
+    z = np.array([dict(zip(problem.names, found.base.z)).get(n, 0.3) for n in whole.names])
+    here = float(whole.parameter_values(z[None])["ending.push_N"][0])
+    ended = type("Ended", (Ending,), {"most_N": here})(scales, strength_value=0.02)
+    ending = problem.with_effects([ended])
+    both, one = (Rows(found.data, p).linear(z).jacobian for p in (whole, ending))
+    np.testing.assert_allclose(one, both, atol=1e-3 * np.abs(both).max())
+    assert score(np.nan, 0.0, frozenset(), 0) < score(-1e9, 0.0, frozenset(), 0)
 
 
 # ---- a base without the paper's terms

@@ -136,6 +136,41 @@ def test_a_force_that_keeps_its_sign_holds_the_specimen_at_one_end_of_the_play(s
     assert len(asked) == 2  # for the sign, and at the end: there is nothing to solve
 
 
+def test_a_force_that_jumps_where_nothing_balances_it_is_no_number(kit):
+    """F·sgn x behind a compliance C: for |u| < C·F no x + C·F·sgn x is u. Another draw keeps its own."""
+    effect = mounting.RigCompliance(kit.scales)
+    motion = sine_motion(frequency_hz=HZ, amplitude_mm=AMPLITUDE, samples=64)
+    level = np.array([1.0, 0.0])
+
+    def coulomb(at, some=slice(None)):
+        x = np.broadcast_to(at.displacement_mm, (level[some].size, 1, 64))
+        return level[some, None, None] * np.sign(x) + x
+
+    given = effect.values_at(compliance_mm_N=0.3, soft_ratio=1.0, soft_N=1.0)
+    found = effect.around(coulomb, motion, {n: np.repeat(x, 2) for n, x in given.items()})
+    assert np.isnan(found[0]).all()
+    np.testing.assert_allclose(found[1], motion.displacement_mm[0] / 1.3, rtol=1e-8)
+
+
+def test_a_play_in_a_specimen_that_forgets_no_reversal_is_solved_from_near_its_end(kit):
+    """Masing: from a reversal on the force is the same function of the way moved, so half the play shifts where it
+    crosses zero by half the play, less what the smaller stroke changes."""
+    effect, model = mounting.FreePlay(kit.scales), Model(kit.reference, "uniform", "constant", "constant")
+    motion = sine_motion(frequency_hz=HZ, amplitude_mm=AMPLITUDE, samples=256)
+    values = {"kp_N_mm": SPRING, "k1_N_mm": STIFF, "slip_mean_N": SLIP, "slip_width": 1.0}
+    given = effect.values_at(play_mm=0.4, softness=1e-3)
+    assert {*model.names, *given} == {*values, *given}
+    calls = 0
+
+    def specimen(at, some=None):
+        nonlocal calls
+        calls += 1
+        return model.force({n: np.array([x]) for n, x in values.items()}, at)
+
+    effect.around(specimen, motion, given)
+    assert calls <= 8  # 11 from where the force of a specimen without play crosses zero
+
+
 @pytest.mark.parametrize("kind", mounting.EFFECTS)
 def test_it_is_solved_to_the_stated_tolerance_whatever_draws_stand_beside(kind, kit):
     """Each draw goes on until it is solved, alone or among others, and more passes change nothing."""
