@@ -24,6 +24,7 @@ from bayes_iwan.inference.setup.priors import Prior
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import ParameterChange
 from bayes_iwan.screen import on_screen
+from bayes_iwan.threads import alongside
 
 #: a dependence is said where one that explains it gains EFFECT_NATS, as an effect must, and makes the gap smaller by
 #: this share of the friction force. A share of the gap does not tell: what else is left would hide the dependence
@@ -154,13 +155,12 @@ def imitations(
     these; friction_N : what gaps are a share of."""
     known = dict(search.fits) | dict(fits)
     own = {p.name for p in search.base.problem.prior.free if not p.owner}
-    out = []
-    for freedom in FREEDOMS:
-        if set(freedom.neutral) <= own:
-            free = known.get(named - {*freedom.effects}, search.base)
-            found = _imitation(search, free, freedom, friction_N, limits)
-            out += [found] if found is not None else []
-    return tuple(out)
+
+    def found(freedom: Freedom) -> Imitation | None:
+        return _imitation(search, known.get(named - {*freedom.effects}, search.base), freedom, friction_N, limits)
+
+    some = alongside(found, [x for x in FREEDOMS if set(x.neutral) <= own])
+    return tuple(x for x in some if x is not None)
 
 
 def _imitation(search: Search, free: Fit, freedom: Freedom, friction_N: float, limits: RigLimits) -> Imitation | None:
