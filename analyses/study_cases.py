@@ -81,11 +81,12 @@ def read_cases(paths: Iterable[Path], half: str = "all") -> list[Case]:
 @dataclass(frozen=True)
 class Answer:
     """What is said of a case: named effects (of the base's form not counted), what they are tied with or one of,
-    the probability of every effect, that of an unknown cause, the size of the unexplained part over the friction force,
-    and the share of each named effect."""
+    named ones that neither are there nor tied with one that is, the probability of every effect, that of an unknown
+    cause, the size of the unexplained part over the friction force, and the share of each named effect."""
 
     named: frozenset[str]
     together: frozenset[str]
+    astray: frozenset[str]
     probabilities: Mapping[str, float]
     unknown: float
     left: float
@@ -102,10 +103,12 @@ def answer(case: Case, c: Calibration) -> Answer:
     with linear_algebra().limit(limits=1):
         v = verdict_of(case.found, c)
     said = {n for x in v.causes for n in (x.name, *x.tied_with)} | {n for x in v.one_of for n in x.names}
+    astray = {x.name for x in v.causes if not {x.name, *x.tied_with} & case.true}
     tried = frozenset().union(*case.found.sets) - NO_CAUSE - MODEL_FORM
     return Answer(
         frozenset(v.names) - MODEL_FORM,
         frozenset(said),
+        frozenset(astray) - MODEL_FORM,
         {n: p for n, p in v.probabilities.items() if n in tried},
         v.probabilities["unknown"],
         case.found.models.sizes[frozenset(v.names)].all.resolved_share,
@@ -123,6 +126,7 @@ def counts(case: Case, a: Answer) -> Counts:
     listed, foreign, one = case.visible - case.foreign, case.visible & case.foreign, case.kind.startswith("one_record")
     false = bool(a.named - case.true)
     out["false names, all cases"] = (false, 1)
+    out["the same, tied with no true one"] = (bool(a.astray), 1)
     if case.kind == "outside":
         out["false names, foreign alone"] = (false, 1)
     if case.sound:

@@ -27,8 +27,9 @@ SLIP_TERMS = 12
 #: times the slip forces of the family that further elements have: without them intervals of kp and of the mean slip
 #: force are too narrow, since the tail of the slip forces may be another
 LARGER = 2, 4
+DEVIATION_NAMES = tuple(f"slip_deviation{k}" for k in range(1, SLIP_TERMS + 1))
 TAIL_NAMES = tuple(f"slip_larger{s}" for s in LARGER)
-SLIP_NAMES = (*(f"slip_deviation{k}" for k in range(1, SLIP_TERMS + 1)), *TAIL_NAMES)
+SLIP_NAMES = (*DEVIATION_NAMES, *TAIL_NAMES)
 STIFFNESS_NAME, CORNER_NAME = "stiffness_exponent", "normal_force_corner"
 NAMES = (*SLIP_NAMES, STIFFNESS_NAME, CORNER_NAME)
 #: the corner's deviation is felt within this share of the amplitude from u = A

@@ -12,7 +12,7 @@ from bayes_iwan.inference.results.held_out_frequencies import held_out_said
 from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
 from bayes_iwan.models import Model
-from bayes_iwan.models.embedded_error import SLIP_NAMES
+from bayes_iwan.models.embedded_error import DEVIATION_NAMES
 from bayes_iwan.models.iwan_parameters import embedded_parameters
 from bayes_iwan.report.identification import marginals
 from bayes_iwan.report.identification.loops import draw_loop, test_name
@@ -106,8 +106,8 @@ class Answer(IdentifiedSection):
         p = self.r.posterior
         shrunk = zip(p.problem.prior.free, contraction(p.flat_z(4000)))
         loose = [q for q, c in shrunk if c < OPEN and q.name not in p.problem.noise_names]
-        terms = [q.symbol for q in loose if q.name in SLIP_NAMES]
-        said = [f"{q.symbol} ({q.description})" for q in loose if q.name not in SLIP_NAMES]
+        terms = [q.symbol for q in loose if q.name in DEVIATION_NAMES]
+        said = [f"{q.symbol} ({q.description})" for q in loose if q.name not in DEVIATION_NAMES]
         said += [f"{', '.join(terms)} (deviations of the slip forces' density)"] if terms else []
         wide = "Not determined one by one (posterior about as wide as the prior): "
         out = [wide + "; ".join(said) + "."] if said else []
