@@ -193,9 +193,7 @@ if __name__ == "__main__":
 """
 
 
-def test_killed_half_way_in_two_processes_it_goes_on_to_the_same_answer(
-    done, two, tmp_path, few_walkers, no_pictures
-):
+def test_killed_half_way_in_two_processes_it_goes_on_to_the_same_answer(done, two, tmp_path, few_walkers, no_pictures):
     _, whole = done
     out, script = tmp_path / "out", tmp_path / "run.py"
     # above `if __name__`: its worker processes read it too
