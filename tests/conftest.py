@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import pickle
 import sys
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -285,9 +287,8 @@ def campaign_of(virtual) -> Campaign:
     return Campaign("virtual rig", "", "", "", Path("virtual_rig"), virtual.records)
 
 
-@cache
 def diagnosed(effect: str | None, plan: str = "grid"):
-    """Quick diagnosis of a rig campaign, once a session."""
+    """Quick diagnosis of a rig campaign."""
     from bayes_iwan.diagnosis.diagnosis import diagnose_loops
 
     campaign = campaign_of(rig_records(effect, plan))
@@ -295,10 +296,35 @@ def diagnosed(effect: str | None, plan: str = "grid"):
 
 
 @pytest.fixture(scope="session")
-def kit():
-    some = (scaled, elastic, made_up, force_of, specimen_force, rig_records, campaign_of, diagnosed)
+def once(tmp_path_factory):
+    """once(name, make): a folder that make(folder) fills, once for all processes of a run; two that begin together both
+    make it."""
+    top = tmp_path_factory.getbasetemp()
+    top = top.parent if "PYTEST_XDIST_WORKER" in os.environ else top
+
+    def folder_of(name, make):
+        if not (folder := top / name).exists():
+            make(made := tmp_path_factory.mktemp(name))
+            with suppress(OSError):  # the other was quicker
+                made.rename(folder)
+        return folder
+
+    return folder_of
+
+
+@pytest.fixture(scope="session")
+def kit(once):
+    @cache
+    def diagnosed_once(effect, plan="grid"):
+        def make(folder):
+            (folder / "diagnosis.pickle").write_bytes(pickle.dumps(diagnosed(effect, plan)))
+
+        return pickle.loads((once(f"{effect}_{plan}".replace(" ", "_"), make) / "diagnosis.pickle").read_bytes())
+
+    some = (scaled, elastic, made_up, force_of, specimen_force, rig_records, campaign_of)
     numbers = {"scales": SCALES, "small": SMALL, "settings": TWO_GAMMAS, "reference": Reference(0.9, 0.113)}
-    return SimpleNamespace(parameter_values=parameter_values_of, **numbers, **{f.__name__: f for f in some})
+    named = {f.__name__: f for f in some} | {"parameter_values": parameter_values_of, "diagnosed": diagnosed_once}
+    return SimpleNamespace(**numbers, **named)
 
 
 # ---- loops of known numbers, without a campaign folder ----

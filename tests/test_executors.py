@@ -15,12 +15,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from bayes_iwan import executors
-from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.search.model_search import search
-from bayes_iwan.effects import catalogue
-from bayes_iwan.effects.catalogue import load_effects
 from bayes_iwan.executors import ExecutorError, Failure
-from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.terminal import terminate_as_interrupt
 
 ANALYSES = Path(__file__).parents[1] / "analyses"
@@ -209,6 +204,13 @@ def test_rounds_give_results_in_order_and_say_what_failed(executor):
 @pytest.fixture(scope="module")
 def wanted(kit):
     """A small campaign with a dashpot in it, and effects to look for: one is sudden, one a user's own."""
+    # not at the top, which every process reads
+    from bayes_iwan.diagnosis.fits.data import gap_data
+    from bayes_iwan.diagnosis.search.model_search import search
+    from bayes_iwan.effects import catalogue
+    from bayes_iwan.effects.catalogue import load_effects
+    from bayes_iwan.inference.setup.loop_scales import scales_of
+
     loops = kit.campaign_of(kit.rig_records("viscous_damping")).loops(**kit.small)
     kinds = {n: catalogue.variants()[n] for n in ("viscous_damping", "channel_delay", "end_stop")}
     kinds |= {e.name: (e,) for e in load_effects(ANALYSES / "effects" / "quadratic_drag.py")}

@@ -1,6 +1,7 @@
 """Functions of one parameter that contain the classic laws of a kind and what lies between them."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 from scipy import stats
@@ -14,11 +15,13 @@ from bayes_iwan.models.parameter import Distribution
 _POINTS, _WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 18.0
 
 
+@cache
 def about(value: float, sd: float) -> Distribution:
     """A normal prior of a parameter that changes a law's form, with the classical law in its middle."""
     return stats.norm(loc=value, scale=sd)
 
 
+@cache
 def lognormal(median: float, spread: float) -> Distribution:
     """A log-normal prior: its median, ×/÷ e^spread at one standard deviation."""
     return stats.lognorm(s=spread, scale=median)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from emcee.moves import MHMove
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.sampling.straightening import Proposal, Straightened, Straightening
@@ -119,7 +119,7 @@ class Mixture:
         for _ in range(_STEPS):
             now = cls.of(weights, centres, np.asarray(np.linalg.cholesky(scales)))
             level = now.log_terms(unit, np.inf)
-            share = np.exp(level - logsumexp(level, axis=1, keepdims=True))
+            share = np.exp(level - np.logaddexp.reduce(level, axis=1, keepdims=True))
             count = share.sum(axis=0) + 1e-9
             weights, centres = count / count.sum(), share.T @ unit / count[:, None]
             for k in range(components):
@@ -135,7 +135,7 @@ class Mixture:
 
     def log_density(self, x: Array) -> Array:
         """(n,) at x (n, ndim)."""
-        return np.asarray(logsumexp(self.log_terms(x, _NU), axis=1))
+        return np.asarray(np.logaddexp.reduce(self.log_terms(x, _NU), axis=1))
 
     def log_terms(self, x: Array, nu: float) -> Array:
         """ln of each component's part (n, k) of the density at x (n, ndim); nu infinite: normal."""

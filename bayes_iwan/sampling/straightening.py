@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,8 +67,11 @@ class Straightening:
 
 def _terms(u: Array) -> Array:
     """1, u and the products of their pairs: (n, terms) of u (n, k)."""
-    i, j = np.triu_indices(u.shape[1])
+    i, j = _pairs(u.shape[1])
     return np.concatenate([np.ones((len(u), 1)), u, u[:, i] * u[:, j]], axis=1)
+
+
+_pairs = cache(np.triu_indices)
 
 
 @dataclass(frozen=True)

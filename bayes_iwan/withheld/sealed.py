@@ -41,8 +41,6 @@ from bayes_iwan.campaign import write_campaign
 from bayes_iwan.errors import InputError
 from bayes_iwan.executors import Failure, Workers, finished
 from bayes_iwan.files import write_json
-from bayes_iwan.virtual_rig import cases as rig_cases
-from bayes_iwan.withheld.true_gaps import by_name, removed, true_gaps_N
 
 _PLAIN_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 RULE = "sha256 of the case's truth as JSON with sorted keys, salt inside"
@@ -113,6 +111,10 @@ class _Draws:
 
 
 def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, object]:
+    # together they take a second, which the process of each answer can do without
+    from bayes_iwan.virtual_rig import cases as rig_cases
+    from bayes_iwan.withheld.true_gaps import by_name, removed, true_gaps_N
+
     name, kind = piece
     bits = hashlib.sha256(f"{draws.entropy}/{name}".encode()).digest()
     case = rig_cases.draw_case(

@@ -78,12 +78,13 @@ def test_sound_rig_has_no_cause(kit):
     "name, resembles, seed",  # the sensor's with seed 3 lies on the edge: unknown 0.49, none 0.37
     [("cell_hysteresis", "lagging_force", 3), ("sensor_hysteresis", "lagging_reading", 4)],
 )
-def test_a_reading_with_hysteresis_is_unknown_and_described(name, resembles, seed):
+def test_a_reading_with_hysteresis_is_unknown_and_described(name, resembles, seed, kit):
     """The rig has plays in parallel, the pattern another law; neither is a cause of the catalogue."""
-    plan = [PlannedTest(f, a, cycles=12) for f in (6.0, 14.0, 25.0) for a in (0.4, 0.9)]
+    plan = [PlannedTest(f, a, cycles=12) for f in (6.0, 25.0) for a in (0.4, 0.9)]
     made = simulate_campaign(plan, fault=name, size=0.1, seed=seed)
     campaign = Campaign("virtual rig", "", "", "", None, made.records)
-    d = diagnose_loops(campaign, campaign.loops(n_phase=64, n_harmonics=20), seed=1, quick=True)
+    loops = campaign.loops(n_phase=64, n_harmonics=20)
+    d = diagnose_loops(campaign, loops, seed=1, quick=True, settings=kit.settings)
     assert d.verdict.kind == Kind.UNKNOWN and d.verdict.names == () and d.budget.unexplained.resembles == resembles
 
 

@@ -16,6 +16,8 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.models.motion import motion_of
 
+pytestmark = pytest.mark.usefixtures("few_quick_walkers")
+
 SETTINGS = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
 
 

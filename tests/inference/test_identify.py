@@ -146,11 +146,8 @@ def test_a_result_without_its_campaign_is_refused(run, tmp_path, small_loops):
         run_files.load(out, campaign=other)
 
 
-def test_the_same_seed_gives_the_same_draws_and_resuming_them(run, folder):
-    """A finished run is gone on with from its checkpoint to the same result; a second run without --resume is not."""
+def test_a_finished_run_is_gone_on_with_to_the_same_result_where_it_is_asked(run, folder):
     posterior, out = run
-    again = identify_campaign(folder, None, config=SMALL, seed=1, progress=False)
-    np.testing.assert_array_equal(again.z, posterior.z)
     resumed = identify_campaign(folder, out, config=SMALL, seed=1, resume=True, progress=False)
     np.testing.assert_array_equal(resumed.z, posterior.z)
     with pytest.raises(CheckpointError, match="resume"):
@@ -286,7 +283,7 @@ def test_drawn_loops_are_identified_without_a_folder(small_loops):
     force = template.likelihood.replicate(template.predict(z), template.parameter_values(z), np.random.default_rng(6))[
         0
     ]
-    posterior = identify_problem(template.with_force(force), 3, config=SMALL, progress=False)
+    posterior = identify_problem(template.with_force(force), 3, config=SMALL, progress=False, quick=True)
     rank = np.mean(posterior.flat_z() < z, axis=0)
     assert np.all((rank > 0.001) & (rank < 0.999)) and posterior.campaign is None
 
@@ -334,10 +331,11 @@ def test_each_search_has_a_population_and_a_maximum_of_its_own(run):
     assert len(stored["most_probable"]["best_log_prob_of_each_search"]) == 2
 
 
-def test_a_run_goes_on_from_its_checkpoint(small_loops, tmp_path):
-    """Stopped after the first block and resumed, or by the clock before it: the draws of an uninterrupted run."""
-    problem = make_problem(small_loops, SMALL)
-    whole = identify_problem(problem, 1, config=SMALL, progress=False)
+def test_a_run_goes_on_from_its_checkpoint(run, tmp_path):
+    """Stopped after the first block and resumed, or by the clock before it: the draws of an uninterrupted run with the
+    same seed."""
+    whole = run[0]
+    problem = whole.problem
     for key, value, words in (("max_steps", 25, "stopped at 25 steps"), ("budget_s", 1e-3, "time budget")):
         short, out = SMALL | {"sampling": SMALL["sampling"] | {key: value}}, tmp_path / key
         cut = identify_problem(problem, 1, config=short, out=out, progress=False)
@@ -347,9 +345,13 @@ def test_a_run_goes_on_from_its_checkpoint(small_loops, tmp_path):
         assert again.message == whole.message
 
 
-def test_quick_draws_are_nearly_the_posteriors_and_say_nothing_of_convergence(run):
+@pytest.fixture(scope="module")
+def quick(run):
+    return identify_problem(run[0].problem, 1, config=SMALL, progress=False, quick=True)
+
+
+def test_quick_draws_are_nearly_the_posteriors_and_say_nothing_of_convergence(run, quick):
     problem = run[0].problem
-    quick = identify_problem(problem, 1, config=SMALL, progress=False, quick=True)
     assert all(np.isnan(row.r_hat) for row in quick.summary())
     full, near = run[0].values(), quick.values()
     for name in problem.names:
@@ -365,8 +367,9 @@ def test_quick_draws_are_nearly_the_posteriors_and_say_nothing_of_convergence(ru
         assert float(row["q05"]) <= float(row["q50"]) <= float(row["q95"]) and set(row) - {"reach"} >= {"unit", "sd"}
 
 
-def test_a_result_as_text_counts_its_draws_and_has_medians_with_intervals(run):
+def test_a_result_as_text_counts_its_draws_and_has_medians_with_intervals(run, monkeypatch):
     posterior, _ = run
+    monkeypatch.setattr(type(posterior), "held_out", ())  # each is sampled anew
     ensembles, kept, ndim = posterior.z.shape
     first, *rows = repr(posterior).splitlines()
     assert f"identified from made up: {ensembles * kept} draws of {ndim} parameters; " in first
@@ -377,10 +380,10 @@ def test_a_result_as_text_counts_its_draws_and_has_medians_with_intervals(run):
     assert replace(posterior, campaign=None).name == "loops"
 
 
-def test_every_draw_that_is_kept_stands_beside_its_density(run):
+def test_every_draw_that_is_kept_stands_beside_its_density(run, quick):
     """Of a whole run and of a quick one, and as many as were asked for, about."""
     sampled = run[0]
-    for posterior in (sampled, identify_problem(sampled.problem, 1, config=SMALL, progress=False, quick=True)):
+    for posterior in (sampled, quick):
         flat = posterior.problem.log_prob(posterior.z.reshape(-1, posterior.ndim))
         np.testing.assert_allclose(posterior.log_prob.ravel(), flat, rtol=1e-9)
     ensembles, kept, _ = sampled.z.shape

@@ -83,7 +83,7 @@ def test_loops_stay_near_the_measured_ones_and_the_same_seed_gives_the_same(disa
     """With the deviations integrated out, which are drawn anew for each place."""
     loops, model = disagreeing.loops, SIMPLE["model"] | {"embedded": True}
     problem = make_problem(loops, {"model": model}).with_force(disagreeing.measured_N)
-    z = drawn(problem)
+    z = drawn(problem, 800)
     z = z[np.isfinite(problem.log_prob(z))]
     out, factor = stretched(problem, z, 1)
     again, _ = stretched(problem, z, 1)
@@ -94,7 +94,7 @@ def test_loops_stay_near_the_measured_ones_and_the_same_seed_gives_the_same(disa
     assert np.median(after) < 1.2 * np.median(before)
 
 
-def test_a_quick_posterior_is_as_wide_as_the_tests_disagree_unless_told_not_to_be(disagreeing):
+def test_a_quick_posterior_is_as_wide_as_the_tests_disagree_unless_told_not_to_be(disagreeing, few_walkers):
     def quick(wide):
         config = SIMPLE | {"sampling": {"between_tests": wide}}
         return bi.identify_problem(disagreeing, 1, config=config, quick=True, progress=False)

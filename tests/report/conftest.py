@@ -87,17 +87,15 @@ def wandering():
 
 
 @pytest.fixture(scope="session")
-def page(posterior, tmp_path_factory):
+def page(posterior, once):
     """The folder of a report, with report.html and report.pdf in it."""
     from bayes_iwan.report.identification.identification_page import identification_report
 
-    out = tmp_path_factory.mktemp("report")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_iwan.report.page.FILES", False)  # of its figures, which have tests of their own
         patch.setattr("bayes_iwan.sampling.run.POPULATION", 64)  # in runs without a frequency
         patch.setitem(posterior_draws.QUICK, "walkers", 16)
-        identification_report(posterior, out, pdf=BROWSER is not None)
-    return out
+        return once("report", lambda out: identification_report(posterior, out, pdf=BROWSER is not None))
 
 
 @pytest.fixture(scope="module")

@@ -149,7 +149,7 @@ def test_a_checkpoint_that_cannot_be_read_is_done_without(posterior, tmp_path):
     np.testing.assert_array_equal(sampling.history(posterior, tmp_path).z, sampling.history(posterior).z)
 
 
-def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_path):
+def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_path, few_quick_walkers):
     """`bi.plot`: as pages have them by default, with what the user's rcParams say, into axes of theirs."""
     import matplotlib as mpl
     from matplotlib.figure import Figure

@@ -32,6 +32,7 @@ def test_a_sound_campaign(tmp_path, capsys, figure_files):
     assert names == {f"inspect_{n}.{e}" for n in drawn for e in ("png", "pdf")}
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_remarks_come_first_and_are_those_of_check(tmp_path, capsys):
     campaign = read_campaign(ROOT / "data" / "rope_spring")
     test = campaign.tests[0]
@@ -56,6 +57,7 @@ def test_other_quantities_keep_their_units(tmp_path):
     assert "N·m/mrad" in text and "N/mm" not in text
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_an_accelerometer_s_response_is_stated(tmp_path):
     campaign = tmp_path / "campaign"
     shutil.copytree(ROOT / "data" / "rope_spring_accelerometer", campaign)
@@ -66,6 +68,7 @@ def test_an_accelerometer_s_response_is_stated(tmp_path):
         assert "amplitude 1 and phase 0" in said and "integrated twice" in said
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_the_widest_table_fits_a_screen_of_1280_px(chromium, tmp_path):
     """Energies of seven digits with their intervals, and ten columns."""
     campaign = read_campaign(ROOT / "data" / "rope_spring")

@@ -28,7 +28,7 @@ from .layout import WIDTHS, cut_elements, pale_texts, torn
 
 SHORT = {
     "search": {"members": 40, "evaluations": 400, "starts": 2, "second_search": False},
-    "sampling": {"ensembles": 2, "budget_s": 2.0, "draws": 200},
+    "sampling": {"ensembles": 2, "budget_s": 0.5, "draws": 200},
 }
 CLASSICAL = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
 

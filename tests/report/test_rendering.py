@@ -43,6 +43,12 @@ def drawn(renderer, pairs):
     return [renderer.rendered(o) for o in orders]
 
 
+@pytest.fixture(scope="module")
+def here():
+    """As this process draws them."""
+    return drawn(Renderer(), figures())
+
+
 def same(one, other):
     assert [(x.svg, x.png) for x in one] == [(x.svg, x.png) for x in other] and len(one) == len(other)
     for x, again in zip(one, other):
@@ -67,17 +73,17 @@ def test_the_same_files_in_every_run():
 @pytest.mark.parametrize(
     "code", ["", "import sys; sys.stdin.buffer.read(9000); raise SystemExit(1)", "print('x' * 99)"]
 )
-def test_a_process_that_dies_loses_no_figure(code, monkeypatch):
+def test_a_process_that_dies_loses_no_figure(code, here, monkeypatch):
     def start():
         return subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
 
     monkeypatch.setattr(rendering, "_start", start)
-    same(drawn(Renderer(aside=True), figures()), drawn(Renderer(), figures()))
+    same(drawn(Renderer(aside=True), figures()), here)
 
 
-def test_no_second_python_no_loss(monkeypatch):
+def test_no_second_python_no_loss(here, monkeypatch):
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    same(drawn(Renderer(aside=True), figures()), drawn(Renderer(), figures()))
+    same(drawn(Renderer(aside=True), figures()), here)
 
 
 def test_a_figure_that_cannot_travel_is_drawn_here():

@@ -15,7 +15,7 @@ from .layout import visible
 CLASSICAL = {"model": {"slip": "gamma1", "stiffness": "constant"}}
 SHORT = {
     "search": {"members": 40, "evaluations": 400, "starts": 2, "second_search": False},
-    "sampling": {"ensembles": 2, "budget_s": 2.0, "draws": 200},
+    "sampling": {"ensembles": 2, "budget_s": 0.5, "draws": 200},
 }
 #: what may be said: that nothing is known of it, that a law has none of it, and names
 ALLOWED = (

@@ -13,6 +13,7 @@ import pytest
 
 from bayes_iwan.campaign import Record
 from bayes_iwan.diagnosis.assessment import verdict
+from bayes_iwan.inference.identify import QUICK_SEARCH
 from bayes_iwan.virtual_rig.faults import FAMILY, OUTSIDE
 from bayes_iwan.withheld import true_gaps
 
@@ -236,11 +237,12 @@ def test_uniform_ranks_pass_and_bent_ones_do_not():
 
 
 @pytest.mark.usefixtures("few_quick_walkers")
-@pytest.mark.parametrize("way", [["--budget", "2"], ["--from-truth"]])
+@pytest.mark.parametrize("way", [["--budget", "1"], ["--from-truth"]])
 def test_simulation_based_calibration_runs(tmp_path, monkeypatch, way):
     monkeypatch.chdir(ROOT)
     model = ["--likelihoods", "gaussian", "--slip", "uniform", "--tests", "0", "8"]
     monkeypatch.setattr(sys, "argv", ["sbc.py", "--draws", "1", *model, *way, "--out", str(tmp_path)])
+    monkeypatch.setattr(study("sbc"), "SearchSettings", lambda: QUICK_SEARCH)
     study("sbc").main()
     result = json.loads((tmp_path / "sbc.json").read_text())["likelihoods"]["gaussian"]
     assert set(result["ranks"]) >= {"kp_N_mm", "k1_N_mm", "mean_slip_force_N", "noise_N", "energy[f10_a0.3]"}
