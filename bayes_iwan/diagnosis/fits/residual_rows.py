@@ -64,9 +64,9 @@ class Rows:
         """The linear model at z (ndim,) from what is predicted around it; where a step to one side meets a place
         without a force, by the other side alone."""
         here, ahead, back = np.split(self.residual_from(around), [1, len(z) + 1])
-        sides = [np.isfinite(x).all(axis=1, keepdims=True) for x in (ahead, back)]
-        ahead, back = (np.where(known, x, here) for known, x in zip(sides, (ahead, back)))
-        width = STEP * np.maximum(np.add(*sides, dtype=float), 1.0)
+        there, behind = (np.isfinite(x).all(axis=1, keepdims=True) for x in (ahead, back))
+        width = STEP * np.maximum(there.astype(float) + behind, 1.0)
+        ahead, back = np.where(there, ahead, here), np.where(behind, back, here)
         return Linear(here[0], ((back - ahead) / width).T, self.discrepancy, z.copy())
 
     def sd(self, size: DiscrepancySize) -> Array:
