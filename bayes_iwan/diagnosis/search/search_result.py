@@ -72,7 +72,7 @@ def score(log_evidence: float, newtons: float, names: frozenset[str], pairs: int
         ln evidence + newtons − EFFECT_NATS · effects − ALIKE_NATS · pairs that look alike
 
     newtons : :func:`.base.newton_nats` of the gap that is left; the last two terms are the prior of a set. A model
-    without a force at its optimum, or a step away from it, has the least score of all.
+    without a force where its fit ended has the least score of all.
     """
     total = log_evidence + newtons - EFFECT_NATS * len(names) - ALIKE_NATS * pairs
     return total if isfinite(total) else -inf
