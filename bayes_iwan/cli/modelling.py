@@ -101,7 +101,8 @@ def run_identify(args: argparse.Namespace) -> int:
         say(held_out_said(posterior.held_out))
     for text in posterior.warnings():
         say(text)
-    say(posterior.message)
+    if not posterior.quick:  # of quick draws the lines above say it
+        say(posterior.message)
     page = Path(args.out) / "report.html"
     say(f"results are in {args.out}" + (f"; open {page}" if page.exists() else ""))
     if posterior.interrupted:
