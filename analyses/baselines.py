@@ -188,7 +188,7 @@ def answer(case: Case, p: dict[str, float], left: float, least: float) -> Answer
     before, p = case.gap, {n: v for n, v in p.items() if n != "speed_squared"}
     sure = frozenset(n for n, v in p.items() if v >= least and before > USUAL_GAP and case.found.search.data.tests > 1)
     left = before * (left if sure else 1.0)
-    return Answer(sure, sure, p, calibration().unknown_cause(left), left)
+    return Answer(sure, sure, p, calibration().unknown_cause(left), left, astray=sure - case.true)
 
 
 def main() -> None:

@@ -81,16 +81,16 @@ def read_cases(paths: Iterable[Path], half: str = "all") -> list[Case]:
 @dataclass(frozen=True)
 class Answer:
     """What is said of a case: named effects (of the base's form not counted), what they are tied with or one of,
-    named ones that neither are there nor tied with one that is, the probability of every effect, that of an unknown
-    cause, the size of the unexplained part over the friction force, and the share of each named effect."""
+    the probability of every effect, that of an unknown cause, the size of the unexplained part over the friction force,
+    the share of each named effect, and named ones that neither are there nor tied with one that is."""
 
     named: frozenset[str]
     together: frozenset[str]
-    astray: frozenset[str]
     probabilities: Mapping[str, float]
     unknown: float
     left: float
     shares: Mapping[str, Share] = field(default_factory=dict)
+    astray: frozenset[str] = frozenset()
 
     @property
     def flagged(self) -> bool:
@@ -108,11 +108,11 @@ def answer(case: Case, c: Calibration) -> Answer:
     return Answer(
         frozenset(v.names) - MODEL_FORM,
         frozenset(said),
-        frozenset(astray) - MODEL_FORM,
         {n: p for n, p in v.probabilities.items() if n in tried},
         v.probabilities["unknown"],
         case.found.models.sizes[frozenset(v.names)].all.resolved_share,
         {x.name: x.share for x in v.causes},
+        frozenset(astray) - MODEL_FORM,
     )
 
 
