@@ -17,6 +17,15 @@ STEP = 1e-4
 Predicted = tuple[np.ndarray, np.ndarray | None, np.ndarray | None]
 
 
+def slopes(here: np.ndarray, ahead: np.ndarray, back: np.ndarray) -> np.ndarray:
+    """(ndim, …) central differences of values here (1, …) and a STEP ahead and back (ndim, …) in each number; where one
+    side has no force, by the other alone."""
+    values = tuple(range(1, ahead.ndim))
+    there, behind = (np.isfinite(x).all(axis=values, keepdims=True) for x in (ahead, back))
+    width = STEP * np.maximum(there.astype(float) + behind, 1.0)
+    return np.asarray((np.where(there, ahead, here) - np.where(behind, back, here)) / width)
+
+
 class Rows:
     """Residual rows of a model in units of the noise, and what is needed to whiten them by any discrepancy that is
     correlated between tests as `between` says."""
@@ -61,13 +70,9 @@ class Rows:
         return predicted(self.data, self.problem, np.concatenate([z[None], z + steps, z - steps]))
 
     def linear_of(self, around: Predicted, z: Array) -> Linear:
-        """The linear model at z (ndim,) from what is predicted around it; where a step to one side meets a place
-        without a force, by the other side alone."""
+        """The linear model at z (ndim,) from what is predicted around it."""
         here, ahead, back = np.split(self.residual_from(around), [1, len(z) + 1])
-        there, behind = (np.isfinite(x).all(axis=1, keepdims=True) for x in (ahead, back))
-        width = STEP * np.maximum(there.astype(float) + behind, 1.0)
-        ahead, back = np.where(there, ahead, here), np.where(behind, back, here)
-        return Linear(here[0], ((back - ahead) / width).T, self.discrepancy, z.copy())
+        return Linear(here[0], -slopes(here, ahead, back).T, self.discrepancy, z.copy())
 
     def sd(self, size: DiscrepancySize) -> Array:
         """(m,) what the rows are divided by, so that they are white."""

@@ -15,7 +15,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.constants import TREND_FLOOR
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.diagnosis.fits.evidence import Fit
-from bayes_iwan.diagnosis.fits.residual_rows import Rows
+from bayes_iwan.diagnosis.fits.residual_rows import STEP, Rows, slopes
 from bayes_iwan.effects.by_test import ByTest
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.spectrum import between_tests, discrepancy_spectrum
@@ -60,10 +60,9 @@ class Residual:
     @cached_property
     def slope(self) -> np.ndarray:
         """(ndim, T, M) complex d predicted / dz, by central differences."""
-        n, step = len(self.fit.z), 1e-4
-        z = np.concatenate([self.fit.z + step * np.eye(n), self.fit.z - step * np.eye(n)])
-        flat = _flat(self.data, self.problem, z)
-        return np.where(self.weight > 0.0, (flat[:n] - flat[n:]) / (2.0 * step), 0.0)
+        z, steps = self.fit.z, STEP * np.eye(len(self.fit.z))
+        flat = _flat(self.data, self.problem, np.concatenate([z[None], z + steps, z - steps]))
+        return np.where(self.weight > 0.0, slopes(*np.split(flat, [1, len(z) + 1])), 0.0)
 
     def power(self, value: np.ndarray, *kinds: int) -> Array:
         """Mean square force of complex residuals (…, T, M), by test (…, T), N²; of the kinds named."""
