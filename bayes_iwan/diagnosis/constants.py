@@ -70,6 +70,9 @@ LEAST_SHARE: Final = 0.02
 LEAST_MODEL_FORM: Final = 0.2
 #: what a single record shows by itself: a line of the mains, a level that the force does not pass, a zero that moves
 SHOWN_BY_RECORD: Final = frozenset({"mains_interference", "force_clipping", "force_drift"})
+#: share of the friction force by which cycles differ beyond which no law that repeats is the whole cause; up to 0.0065
+#: on sound specimens of the virtual rig (slow noise of the sensors)
+NOT_REPEATING: Final = 0.01
 #: share of a gap, most of which has no name, that an effect must remove alone to be suspected, and how many are said
 SUSPECT: Final = 0.5
 SUSPECTS_MOST: Final = 6

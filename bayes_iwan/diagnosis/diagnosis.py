@@ -198,7 +198,6 @@ def _reported(
         tuple(places),
         None if pattern is None else pattern.name,
         0.0 if pattern is None else pattern.fitted,
-        float(np.max(data.subharmonic, initial=0.0)),
     )
     rng = np.random.default_rng([seed, 2])
     nats = visible_nats(data, base, found.search.effects)

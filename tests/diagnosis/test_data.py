@@ -105,6 +105,28 @@ def test_a_line_at_half_the_frequency_counts_by_its_power_over_the_noise(data_of
     assert np.all(data_of(noise_N=sd_N, cycles=cycles).subharmonic < 6.0)
 
 
+def test_what_differs_from_cycle_to_cycle_counts_by_its_rms_and_white_noise_and_trends_do_not(data_of):
+    """Amplitudes of a cosine that are drawn anew for each cycle, sd s: RMS s/√2 of each test."""
+    size_N, cycles = 0.2, 40
+    drawn = np.random.default_rng(1).normal(0.0, size_N, (len(TESTS), cycles + 1))
+
+    def debris(time, test):
+        turn = TESTS[test][0] * time
+        return drawn[test][np.clip(turn.astype(int), 0, cycles)] * np.cos(2.0 * np.pi * turn)
+
+    data = data_of(noise_N=0.05, cycles=cycles, extra=debris)
+    expected = size_N / np.sqrt(2.0) * np.sqrt(np.mean(data.level_N**-2.0))
+    assert data.not_repeating == pytest.approx(expected, rel=0.25)
+    white = data_of(noise_N=0.05, cycles=cycles)
+    assert white.not_repeating < 0.1 * data.not_repeating
+    trend = data_of(
+        cycles=cycles, extra=lambda time, test: 0.5 * time / time[-1] * np.cos(2.0 * np.pi * TESTS[test][0] * time)
+    )
+    assert trend.not_repeating < 0.02 * data.not_repeating
+    few = data_of(cycles=8, extra=debris)
+    assert few.not_repeating == 0.0  # too short to tell it from a trend
+
+
 def test_mains_that_wander_from_record_to_record_are_followed(data_of):
     def wandering(time, test):
         return 0.05 * np.cos(2.0 * np.pi * (49.9 + 0.07 * test) * time)

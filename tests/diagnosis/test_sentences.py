@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from bayes_iwan.campaign.loops.clipping import Limit
@@ -13,8 +14,10 @@ from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.answer.sentences import sentences
 from bayes_iwan.diagnosis.answer.wording import few, force, percent, plain, title, value_of
 from bayes_iwan.diagnosis.assessment.budget import Gaps, Kind, OneOf, Suspect
+from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling
-from bayes_iwan.diagnosis.constants import PROBABLE
+from bayes_iwan.diagnosis.assessment.verdict import cycles_differ, verdict_of
+from bayes_iwan.diagnosis.constants import PROBABLE, SUREST
 
 TIED = Imitation(
     "speed_dependent_normal_force",
@@ -239,12 +242,26 @@ def test_what_is_no_more_than_noise_is_said_so(answers):
     assert "Unexplained: nothing beyond noise." in said
 
 
-def test_a_line_at_half_the_frequency_is_said_whatever_the_loops_show(answers):
+@pytest.mark.parametrize(
+    "shown, said",
+    [
+        ({"subharmonic": np.array([1.0, 257.0])}, "half the test frequency, which averaged loops hide"),
+        ({"not_repeating": 0.045}, "Cycles differ by 4.5 % of the friction force"),
+    ],
+)
+def test_cycles_that_differ_are_a_cause_without_a_name_whatever_the_loops_show(answers, shown, said):
     none = answers["none"]
-    line = replace(none, budget=replace(none.budget, unexplained=replace(none.budget.unexplained, subharmonic=257.0)))
-    d = to_dict(line)
-    assert any("half the test frequency, which averaged loops hide" in s for s in d["sentences"])
-    assert d["verdict"]["colour"] == "note"
+    data = replace(none.data)
+    vars(data).update(shown)
+    search = replace(none.found.search, data=data)
+    found = replace(none.found, search=search)
+    verdict = verdict_of(found, calibration())
+    assert verdict.kind is Kind.UNKNOWN and verdict.probabilities["unknown"] == SUREST
+    mains = frozenset({"mains_interference"})
+    assert cycles_differ(data, ()) and not cycles_differ(data, mains) and not cycles_differ(none.data, ())
+    d = to_dict(replace(none, data=data, found=found, verdict=verdict))
+    assert any(said in s for s in d["sentences"]) and any("makes cycles differ" in s for s in d["sentences"])
+    assert d["verdict"]["colour"] == "warning"
 
 
 def test_how_much_of_the_gap_a_pattern_makes_is_said(answers):

@@ -66,7 +66,8 @@ def to_dict(d: Diagnosis) -> dict[str, object]:
             "resembles": b.unexplained.resembles,
             "resembling_share": b.unexplained.resembling,
             "physics": physics_of_pattern(b.unexplained.resembles),
-            "line_at_half_frequency": b.unexplained.subharmonic,
+            "line_at_half_frequency": float(d.data.subharmonic.max()),
+            "not_repeating_share_of_friction": d.data.not_repeating,
         },
         "gap": {
             "before_rms_N": b.before.rms_N,

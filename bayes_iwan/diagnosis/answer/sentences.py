@@ -20,8 +20,8 @@ from bayes_iwan.diagnosis.answer.wording import (
     title,
 )
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
-from bayes_iwan.diagnosis.assessment.verdict import refused
-from bayes_iwan.diagnosis.constants import PROBABLE
+from bayes_iwan.diagnosis.assessment.verdict import cycles_differ, refused
+from bayes_iwan.diagnosis.constants import LINE_STANDS, PROBABLE
 from bayes_iwan.diagnosis.fits.gap_size import Gap
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
 
@@ -29,8 +29,6 @@ from bayes_iwan.diagnosis.fits.held_out_tests import parted
 LISTED = 0.02
 #: by so much the share of what changes along the record must be larger than that of the gap to be said beside it
 ALONG_SAID = 0.1
-#: power of a line at half a test's frequency over its background from which it is said
-SUBHARMONIC_SAID = 20.0
 #: share of the friction force that the base misses from which it is said not to describe the specimen at all
 NO_MODEL = 0.8
 #: effects that a record itself shows, whatever its frequency
@@ -60,7 +58,7 @@ def colour(d: Diagnosis) -> str:
     if d.verdict.kind is not Kind.NONE or d.clipped:
         return "warning"
     contradicted, tied = d.verdict.probabilities["none"] < PROBABLE, any(x.said for x in d.imitations)
-    hidden = _half_frequency(d) or d.edges or not d.campaign.clock
+    hidden = d.edges or not d.campaign.clock
     return "note" if contradicted or tied or hidden else "good"
 
 
@@ -135,6 +133,8 @@ def _kind(d: Diagnosis) -> list[str]:
         return out
     why = "no known effect explains it in all tests" if d.data.tests > 1 else "one test does not show its cause"
     p = probability(d.budget.unexplained.probability)
+    if cycles_differ(d.data, v.names):
+        return [*out, f"Cause unknown (probability {p}). No known effect makes cycles differ as these do."]
     return [*out, f"Cause unknown (probability {p}). The gap is real, but {why}."]
 
 
@@ -264,16 +264,19 @@ def _resembles(d: Diagnosis) -> list[str]:
     physics = physics_of_pattern(unexplained.resembles) if d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN) else None
     if physics:
         out.append(f"{percent(unexplained.resembling)} of the gap resembles this: {physics.rstrip('.')}.")
-    if _half_frequency(d):
-        out.append(
-            "Every second cycle differs: the records hold a line at half the test frequency, which averaged loops hide."
-        )
-    return out
-
-
-def _half_frequency(d: Diagnosis) -> bool:
-    """Do the records hold a line at half the test frequency, whatever the averaged loops show?"""
-    return d.budget.unexplained.subharmonic > SUBHARMONIC_SAID and d.verdict.kind is not Kind.DRIVE
+    if not d.verdict.unknown_cause or not cycles_differ(d.data, d.verdict.names):
+        return out
+    if d.data.subharmonic.max() > LINE_STANDS:
+        return [
+            *out,
+            "Every second cycle differs: the records hold a line at half the test frequency, which averaged "
+            "loops hide.",
+        ]
+    return [
+        *out,
+        f"Cycles differ by {percent(d.data.not_repeating)} of the friction force, trends and white noise not "
+        "counted, which averaged loops hide. Debris, stick-slip and bursts of noise do that.",
+    ]
 
 
 def _edges(d: Diagnosis) -> list[str]:

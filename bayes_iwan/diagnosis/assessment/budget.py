@@ -151,7 +151,6 @@ class Unexplained:
     probability : that it has a cause of its own; share : of the gap; of_friction : of the RMS friction force
     where : sentences on where it sits; resembles : name of a pattern without a cause that fits it, on
         held-out tests too, if one does; resembling : share of the gap that it removes as the last one
-    subharmonic : power of a line at half a test's frequency over its background
     """
 
     probability: float
@@ -160,7 +159,6 @@ class Unexplained:
     where: tuple[str, ...]
     resembles: str | None
     resembling: float
-    subharmonic: float
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """From a weighed search to a verdict: which effects are named, how sure, and whether the unexplained part has its own
 cause."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -24,6 +24,8 @@ from bayes_iwan.diagnosis.assessment.budget import (
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, SetProbabilities, any_of
 from bayes_iwan.diagnosis.assessment.indicators import Figures, three_sets
 from bayes_iwan.diagnosis.constants import (
+    LINE_STANDS,
+    NOT_REPEATING,
     PROBABLE,
     REFUSED,
     SHOWN_BY_RECORD,
@@ -31,10 +33,13 @@ from bayes_iwan.diagnosis.constants import (
     SUSPECT,
     SUSPECTS_MOST,
 )
+from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.held_out_tests import HELD_OUT, HeldOut, held_out_gaps
 from bayes_iwan.diagnosis.search.base_fit import gap_rms_N
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.threads import alongside
+
+MAINS = "mains_interference"
 
 
 def refused(f: Figures) -> str:
@@ -113,6 +118,14 @@ def unknown_cause_probability(by_size: float, given: Iterable[Figures], sets: Se
     return min(1.0 - none, SUREST)
 
 
+def cycles_differ(data: GapData, named: Collection[str]) -> bool:
+    """Do cycles differ as no law that repeats makes them, every second one or from one to the next? Averaged loops do
+    not hold that, so it speaks against no effect that explains them. Mains interference makes it, too."""
+    if MAINS in named:
+        return False
+    return bool(data.subharmonic.max() > LINE_STANDS or data.not_repeating > NOT_REPEATING)
+
+
 def resembled(given: Iterable[Figures]) -> Figures | None:
     """The pattern without a cause that fits best; none that removes too little, or nothing on held-out tests."""
     some = [f for f in given if f.name in NO_CAUSE and not f.held_out <= 0.0]
@@ -130,6 +143,8 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     causes = _causes(found, named, probabilities, c, held_out)
     by_size = c.unknown_cause(found.models.sizes[frozenset(named)].all.resolved_share)
     unknown = unknown_cause_probability(by_size, found.figures, found.sets)
+    if cycles_differ(found.search.data, named):
+        unknown = SUREST
     likeliest = max(probabilities.values(), default=0.0)
     probabilities |= {"none": (1.0 - likeliest) * (1.0 - unknown), "unknown": unknown}
     flagged = unknown >= PROBABLE

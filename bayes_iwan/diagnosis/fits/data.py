@@ -15,6 +15,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.campaign.loops.noise import MANY_CYCLES, harmonic_noise
 from bayes_iwan.diagnosis.constants import LINE_STANDS, TREND_FLOOR
 from bayes_iwan.diagnosis.fits.data_layout import Layout
 from bayes_iwan.diagnosis.fits.discrepancy_size import Between
@@ -50,7 +51,6 @@ class GapData:
     contrast : (T, K, B) the weights of the contrasts over the blocks (rows orthonormal, summing to zero).
     mains_hz : (T, 2) the mains' frequencies in each record (they wander), nominal unless a line near says better.
     mains_possible : (2,) does a line stand in a record that can show it, or is there no such record?
-    subharmonic : (T,) power of a line at half the test's frequency over its local background; about 1 without one.
     mains_N, mains_noise_N : (T, 2) complex c + i s of c·cos + s·sin at 50 and 60 Hz; noise inf where it says nothing.
     """
 
@@ -65,7 +65,6 @@ class GapData:
     mains_noise_N: Array
     mains_hz: Array
     mains_possible: tuple[bool, ...]
-    subharmonic: Array
     steady_motion: Motion
     block_motion: Motion
 
@@ -82,6 +81,18 @@ class GapData:
     def durations_s(self) -> Array:
         """(T,) duration of each record."""
         return np.array([float(np.ptp(x.record.time_s)) for x in self.loops])
+
+    @cached_property
+    def subharmonic(self) -> Array:
+        """(T,) power of a line at half each test's frequency over its local background; about 1 without one."""
+        return np.array([_subharmonic(x) for x in self.loops])
+
+    @cached_property
+    def not_repeating(self) -> float:
+        """RMS over the tests of :func:`_not_repeating_N`, over the friction level."""
+        return float(
+            np.sqrt(np.mean([(_not_repeating_N(x) / level) ** 2 for x, level in zip(self.loops, self.level_N)]))
+        )
 
     @cached_property
     def ramps(self) -> np.ndarray:
@@ -137,7 +148,6 @@ class GapData:
             self.mains_noise_N[at],
             self.mains_hz[at],
             self.mains_possible,
-            self.subharmonic[at],
             motion_of(loops),
             motion_of(loops, blocks=True),
         )
@@ -176,7 +186,6 @@ def gap_data(loops: Sequence[Loop]) -> GapData:
         np.array([[noise for _, noise in some] for some in lines]),
         mains_hz,
         possible,
-        np.array([_subharmonic(x) for x in loops]),
         motion_of(loops),
         motion_of(loops, blocks=True),
     )
@@ -287,6 +296,26 @@ def _subharmonic(loop: Loop) -> float:
     """Power of a line at half the test's frequency over its local background: every second cycle differs."""
     value, noise = _line(loop, 0.5 * loop.frequency_hz)
     return float(abs(value) ** 2 / (2.0 * noise**2)) if np.isfinite(noise) and noise > 0.0 else 0.0
+
+
+def _not_repeating_N(loop: Loop) -> float:
+    """RMS by which the force of one cycle differs from the mean of all, trends taken off: in the harmonics whose change
+    along the record is looked at, beyond white noise and what the displacement's own differences make. 0 of a record
+    that is too short to tell it from a trend."""
+    if loop.n_cycles < MANY_CYCLES:
+        return 0.0
+    of_displacement = harmonic_noise(loop.left_over(loop.record.displacement_mm), loop.n_cycles, len(loop.noise_N) - 1)
+    stiffness = np.std(loop.force_N) / np.std(loop.displacement_mm)
+    power = _beyond_white(loop.noise_N) - stiffness**2 * _beyond_white(of_displacement)
+    return float(np.sqrt(loop.n_cycles * max(power, 0.0)))
+
+
+def _beyond_white(noise: Array) -> float:
+    """Power of the noise of the first harmonics beyond that of the highest third of all."""
+    known = noise[np.isfinite(noise)]
+    white = np.median(known[2 * len(known) // 3 :] ** 2)
+    first = known[1 : TREND_HARMONICS + 1] ** 2
+    return float(np.sum(np.maximum(first - white, 0.0)))
 
 
 def predicted(data: GapData, problem: Problem, z: Array) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
