@@ -1,12 +1,17 @@
 """Numbers that no cause has."""
 
+import copy
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bayes_iwan.diagnosis.assessment import indicators
+from bayes_iwan.diagnosis.assessment.assessed_search import assessed
+from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.indicators import figures_of, implausible, of_time, replaced
+from bayes_iwan.diagnosis.assessment.verdict import verdict_of
 from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LONGEST_PERIODS
 from bayes_iwan.diagnosis.fits.evidence import base_problem
 from bayes_iwan.effects import catalogue
@@ -91,3 +96,15 @@ def test_an_effect_that_only_replaces_a_number_of_the_base_is_no_cause(without, 
 
     said = replaced(fit(without), fit(beside))
     assert why in said and bool(said) is bool(why)
+
+
+def test_where_the_base_misses_no_more_than_noise_may_make_nothing_is_named(kit):
+    found = kit.diagnosed("viscous_damping", "held out").found
+    assert verdict_of(found, calibration()).names == ("viscous_damping",)
+    models = copy.copy(found.models)
+    base = models.sizes[frozenset()]
+    models.sizes = models.sizes | {frozenset(): replace(base, all=replace(base.all, low_N=0.0))}
+    quiet = assessed(found.search, models, found.held_out)
+    assert "no more than noise" in quiet.figures[0].odd
+    verdict = verdict_of(quiet, calibration())
+    assert verdict.names == () and verdict.one_of == () and verdict.suspects == ()

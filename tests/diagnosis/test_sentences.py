@@ -74,7 +74,6 @@ def answers(kit):
     alike = replace(c, tied_with=("rate_strengthening", "maxwell_branch", "channel_delay", "force_lowpass"))
     one_file = named.data.part([0])
     fitted = turned(named, Kind.EXPLAINED, (c,), p)
-    hidden = replace(fitted.budget, before=replace(fitted.budget.before, low_N=0.0))
     return {
         "none": replace(turned(nothing, Kind.NONE, (), {"none": 0.97}), imitations=(), edges=(), next_test=None),
         "none, ties": replace(
@@ -84,7 +83,6 @@ def answers(kit):
             nothing, Kind.NONE, (), {"none": 0.02, "moving_mass": 0.48, "free_play": 0.4, "unknown": 0.3}
         ),
         "named": fitted,
-        "named, within noise": replace(fitted, budget=hidden),
         "two named": turned(heavy, Kind.EXPLAINED, two, p | {"moving_mass": c.probability}),
         "named, imitated": replace(turned(named, Kind.EXPLAINED, (c,), p), imitations=(TIED,)),
         "fading or softening": turned(named, Kind.UNKNOWN, (), unknown, one_of=fading),
@@ -101,7 +99,7 @@ def answers(kit):
 
 
 KINDS = (
-    "none", "none, ties", "none, improbable", "named", "two named", "named, imitated", "named, within noise",
+    "none", "none, ties", "none, improbable", "named", "two named", "named, imitated",
     "fading or softening", "named, tied", "partly", "tied groups only", "named and a group", "unknown", "drive",
     "single record", "no clock", "not converged",
 )  # fmt: skip
@@ -155,8 +153,6 @@ def test_the_kinds_read_as_they_should(answers):
     )
     assert text["named"][1].startswith("Viscous damping of ") and "Give the model a dashpot" in text["named"][1]
     assert "rate strengthening, a Maxwell branch, a delay between the channels or 1 other" in text["named, tied"][1]
-    assert text["named, within noise"][0].startswith("The model misses at most ")
-    assert "nothing beyond noise" not in text["named, within noise"][0]
     assert any(s.startswith("One of rate strengthening, viscous damping") for s in text["tied groups only"])
     assert any("0.97 that it has a cause: one of these or another)" in s for s in text["tied groups only"])
     grouped = " ".join(text["named and a group"])

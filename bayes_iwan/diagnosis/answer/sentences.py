@@ -64,11 +64,6 @@ def colour(d: Diagnosis) -> str:
 
 def _size(d: Diagnosis) -> str:
     gap = d.budget.before
-    if gap.low_N <= 0.0 and d.verdict.causes:
-        return (
-            f"The model misses at most {force(gap.high_N)} RMS, {percent(gap.share_high)} of the friction force, no "
-            f"more than noise may make (noise {force(gap.noise_N)})."
-        )
     if gap.low_N <= 0.0:
         return f"The model misses nothing beyond noise{_at_most(gap)} (noise {force(gap.noise_N)})."
     ends = interval((gap.low_N, gap.high_N), force)

@@ -39,7 +39,8 @@ class Figures:
     held_out : mean over held-out tests of the share of the gap that it removes there, 0 where the other tests would not
         have chosen it or what resembles it; nan where no test can be held out for it
     moved : RMS force that it moves, before : RMS gap of the base, both over the friction force
-    tests : how many were fitted; odd : why its numbers are not plausible, "" where they are
+    tests : how many were fitted
+    odd : why its numbers are not plausible, or why there is nothing to explain; "" where neither speaks against it
     """
 
     name: str
@@ -114,7 +115,8 @@ def figures_of(
                 tests=data.tests,
                 along=share_along,
                 # numbers are reported from the one fit, shares from the other
-                odd=implausible(effect, best, data)
+                odd=("" if sizes[none].all.resolved_share else "the base misses no more than noise may make")
+                or implausible(effect, best, data)
                 or implausible(effect, whole_in_newtons, data)
                 or replaced(search.fit(less), best),
             )

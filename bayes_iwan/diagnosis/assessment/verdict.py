@@ -155,9 +155,10 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         none = probabilities["none"]
         sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
         return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
-    some = one_of(found.figures, named, found.sets, c, unlisted) if flagged else ()
-    left, before = (found.models.sizes[k].all.rms_N for k in (frozenset(named), frozenset[str]()))
-    alone = suspects(found, named, c) if flagged and not some and left > SUSPECT * before else ()
+    left, before = (found.models.sizes[k].all for k in (frozenset(named), frozenset[str]()))
+    sought = flagged and before.resolved_share > 0.0  # else there is nothing that one of them could explain
+    some = one_of(found.figures, named, found.sets, c, unlisted) if sought else ()
+    alone = suspects(found, named, c) if sought and not some and left.rms_N > SUSPECT * before.rms_N else ()
     return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)
 
 
