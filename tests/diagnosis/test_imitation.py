@@ -1,14 +1,21 @@
 """What the base can imitate: a dashpot behind the normal force's speed term, and what these tests tell apart."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.diagnosis.answer import imitation
-from bayes_iwan.diagnosis.answer.imitation import FREEDOMS, Explanation, _distinguished, _explains, edges_of, imitations
+from bayes_iwan.diagnosis.answer.imitation import (
+    FREEDOMS,
+    Explanation,
+    _distinguished,
+    _explains,
+    _shown,
+    edges_of,
+    imitations,
+)
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search.base_fit import fit_base
 from bayes_iwan.diagnosis.search.fitted_sets import calibrated
@@ -131,17 +138,12 @@ def test_an_explanation_does_at_least_half_of_what_the_best_does(share, explains
     [(0.02, 0.016, 9.0, True), (0.02, 0.016, 7.0, False), (0.02, 0.018, 9.0, False), (0.002, 0.0, 9.0, False)],
 )
 def test_a_dependence_is_shown_where_it_gains_as_an_effect_must_and_makes_the_gap_smaller(
-    without, with_it, gained, shown, monkeypatch
+    without, with_it, gained, shown
 ):
-    """By 8 nats, and 0.3 % of the friction force."""
-    neutral, free = (
-        SimpleNamespace(log_evidence=-gained, gap_N=without),
-        SimpleNamespace(log_evidence=0.0, gap_N=with_it),
+    """By 8 nats, and 0.3 % of the friction force; by whichever explanation does."""
+    freedom = Explanation("freedom", 0.0, with_it)
+    assert _shown([freedom], without, gained) == shown
+    assert (
+        _shown([Explanation("effect", -3.0, with_it), Explanation("freedom", 0.0, without)], without, gained) == shown
     )
-    monkeypatch.setattr(imitation, "_neutral", lambda *given: neutral)
-    monkeypatch.setattr(imitation, "quick_gap_N", lambda data, fit: fit.gap_N)
-    search = SimpleNamespace(data=None, effects={})
-    found = imitation._imitation(search, free, FREEDOMS[0], 1.0, RigLimits())
-    assert (found is not None) == shown
-    if shown:
-        assert (found.without, found.tied) == (without, (FREEDOMS[0].name,)) and not found.said
+    assert _shown([Explanation("effect", 2.0, with_it), freedom], without, gained - 2.0) == shown

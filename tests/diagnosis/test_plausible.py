@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_iwan.diagnosis.assessment import indicators
 from bayes_iwan.diagnosis.assessment.assessed_search import assessed
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.indicators import figures_of, implausible, of_time, replaced
@@ -74,14 +73,19 @@ def test_a_number_far_from_its_prior_is_not_plausible(kit):
     assert "exponent" in implausible(effect, fit, data)
 
 
-def test_numbers_must_be_plausible_where_they_and_where_shares_are_from(kit, monkeypatch):
+def test_numbers_must_be_plausible_where_they_and_where_shares_are_from(kit):
     found = kit.diagnosed("channel_delay").found
-    whole = frozenset(found.search.chosen)
-    best, nearest = found.models.fits[whole], found.models.nearest[whole]
-    for odd in (best, nearest):
-        monkeypatch.setattr(indicators, "implausible", lambda effect, fit, data, odd=odd: "odd" if fit is odd else "")
-        figures = figures_of(found.search, found.models.sizes, nearest, found.held_out)
-        assert figures and all(f.odd == "odd" for f in figures)
+    search, whole = found.search, frozenset(found.search.chosen)
+    best, nearest, name = found.models.fits[whole], found.models.nearest[whole], search.chosen[0]
+    its = np.array([n.startswith(f"{name}.") for n in best.problem.names])
+
+    def far(fit):
+        return replace(fit, z=np.where(its, LARGEST_SCORE + 1.0, fit.z))
+
+    for one, other in ((best, nearest), (far(best), nearest), (best, far(nearest))):
+        given = replace(search, fits=dict(search.fits) | {whole: one})
+        odd = {f.name: f.odd for f in figures_of(given, found.models.sizes, other, found.held_out)}
+        assert bool(odd[name]) == (one is not best or other is not nearest)
 
 
 @pytest.mark.parametrize(

@@ -8,16 +8,15 @@ import pytest
 
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Kind
+from bayes_iwan.diagnosis.constants import PROMISE, SINGLE_MOST
 from bayes_iwan.diagnosis.diagnosis import diagnose_loops
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.evidence import fit_model
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
-from bayes_iwan.diagnosis.search import model_search as searching
-from bayes_iwan.diagnosis.search import refits
 from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, newton_nats, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import candidate, start_points, stepped_on, weighed_alike
 from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, calibrated, friction_rms_N, silent
-from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, fit_singles, grow, search
+from bayes_iwan.diagnosis.search.model_search import as_sound, changes_along, fit_singles, grow, search, tried_alone
 from bayes_iwan.diagnosis.search.search_result import LAST, score
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import TYPICAL_SHARE, Effect
@@ -220,21 +219,36 @@ def test_sudden_effects_are_refitted_where_there_is_a_gap(kit):
     assert frozenset({"force_clipping"}) in fits and frozenset({"end_stop"}) in fits
 
 
-def test_single_effects_that_promise_nothing_are_refitted_where_the_gap_asks_for_them(kit, monkeypatch):
+@pytest.mark.parametrize(
+    ("missing", "changing", "tried"),
+    [
+        (False, False, {"first"}),
+        (True, False, {"first", "second", "sudden"}),
+        (True, True, {*"first second sudden".split(), "along"}),
+    ],
+)
+def test_single_effects_that_promise_nothing_are_refitted_where_the_gap_asks_for_them(missing, changing, tried):
     """What is sudden where there is more than a sound specimen's gap, what acts along the record where that much
-    changes there."""
-    monkeypatch.setattr(refits, "candidate", lambda *given: replace(candidate(*given), gain=-1e3, score=-1e3))
-    monkeypatch.setattr(searching, "SINGLE_MOST", 0)
-    for fault, tried in (
-        (None, set()),
-        ("viscous_damping", {"force_clipping"}),
-        ("friction_fade", {"force_clipping", "friction_fade"}),
-    ):
-        loops = kit.campaign_of(kit.rig_records(fault)).loops(**kit.small)
-        kinds = {n: catalogue.variants()[n] for n in ("friction_fade", "moving_mass", "force_clipping")}
-        found = explorer(kit, gap_data([x for x in loops if x.role == "fit"]), kinds)
-        fit_singles(found)
-        assert set().union(*found.fits) == tried
+    changes there; of the others what promises anything, and the first ones where there is a gap."""
+
+    def offer(name, gain, sudden=False, evolving=False):
+        return SimpleNamespace(name=name, gain=gain, effect=SimpleNamespace(sudden=sudden, evolving=evolving))
+
+    others = [offer(f"other {i}", -1e3) for i in range(SINGLE_MOST - 2)]
+    last = [offer("late", -1e3), offer("sudden", -1e3, sudden=True), offer("along", -1e3, evolving=True)]
+    chosen = tried_alone([offer("first", PROMISE + 0.1), offer("second", PROMISE), *others, *last], missing, changing)
+    assert {x.name for x in chosen} - {x.name for x in others} == tried
+    assert {x.name for x in others} <= {x.name for x in chosen} or not missing
+
+
+@pytest.mark.parametrize(
+    ("fault", "missing", "changing"),
+    [(None, False, False), ("viscous_damping", True, False), ("friction_fade", True, True)],
+)
+def test_what_a_base_misses_and_what_of_it_changes_along_the_record(kit, fault, missing, changing):
+    loops = kit.campaign_of(kit.rig_records(fault)).loops(**kit.small)
+    found = explorer(kit, gap_data([x for x in loops if x.role == "fit"]), {})
+    assert (not as_sound(found), changes_along(found)) == (missing, changing)
 
 
 def test_a_base_short_of_its_optimum_is_fitted_again_from_the_singles(kit):
@@ -425,32 +439,31 @@ def test_terms_that_are_not_needed_are_not_taken_in(kit):
     assert found.chosen == ()
 
 
-def test_a_set_that_only_scores_together_is_found_from_either_effect(kit, monkeypatch):
-    """Evidence by hand: neither of two effects helps alone, both together do."""
-    data = kit.diagnosed("viscous_damping", "held out").search.data
-    kinds = {n: catalogue.variants()[n] for n in ("viscous_damping", "moving_mass", "cubic_stiffness")}
-    found = explorer(kit, data, kinds)
-    nats = {"": 0.0, "viscous_damping": -1.0, "moving_mass": -2.0, "cubic_stiffness": -9.0}
+class Told:
+    """Sets of effects with scores that are told, as :class:`FittedSets` has them."""
 
-    def fit(*names):
-        effects = tuple(found.effects[n][0] for n in names)
-        return replace(found.fits[frozenset()], problem=found.fits[frozenset()].problem.with_effects(effects))
+    def __init__(self, nats, together):
+        self.nats, self.together, self.fits = nats, together, {frozenset({n}): None for n in nats} | {frozenset(): None}
 
-    def add(some, smaller):
-        for one in some:
-            names = smaller.names | {one.name}
-            found.fits[names] = fit(*sorted(names))
+    def score(self, names):
+        return sum(self.nats[n] for n in names) + 100.0 * (self.together <= names)
 
-    def scores(fits):
-        both = frozenset({"viscous_damping", "moving_mass"})
-        return [sum(nats[n] for n in f.names) + 100.0 * (both <= f.names) for f in fits]
+    def ranked(self, some):
+        return [SimpleNamespace(names=k) for k in sorted(some, key=self.score, reverse=True)]
 
-    for n in kinds:
-        found.fits[frozenset({n})] = fit(n)
-    offered = [SimpleNamespace(name=n, score=50.0) for n in kinds]
-    monkeypatch.setattr(
-        found, "offered", lambda smaller, last=False: [x for x in offered if x.name not in smaller.names]
-    )
-    monkeypatch.setattr(found, "add", add)
-    monkeypatch.setattr(found, "scores", scores)
-    assert grow(found, 3).names == {"viscous_damping", "moving_mass"}
+    def sets(self, size):
+        return [k for k in self.fits if len(k) == size]
+
+    def offered(self, smaller):
+        return [SimpleNamespace(name=n, score=50.0) for n in self.nats if n not in smaller.names]
+
+    def add(self, some, smaller):
+        self.fits |= {smaller.names | {one.name}: None for one in some}
+
+
+def test_a_set_that_only_scores_together_is_found_from_either_effect():
+    """Neither of two effects helps alone, both together do."""
+    both = frozenset({"viscous_damping", "moving_mass"})
+    nats = {"viscous_damping": -1.0, "moving_mass": -2.0, "cubic_stiffness": -9.0}
+    assert grow(Told(nats, both), 3).names == both
+    assert grow(Told(nats, frozenset({"none of them"})), 3).names == frozenset()

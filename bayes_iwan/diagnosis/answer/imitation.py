@@ -184,8 +184,7 @@ def _imitation(search: Search, free: Fit, freedom: Freedom, friction_N: float, l
         key=lambda x: x.share,
     )
     first = found[0]
-    gained = free.log_evidence - neutral.log_evidence + max(x.nats for x in found)
-    if without - first.share < USED_SHARE or gained < EFFECT_NATS:
+    if not _shown(found, without, free.log_evidence - neutral.log_evidence):
         return None
     tied = tuple(x.name for x in found if _explains(x, first, without) and not _distinguished(first, x))
     following = None
@@ -193,6 +192,13 @@ def _imitation(search: Search, free: Fit, freedom: Freedom, friction_N: float, l
         bench = [search.effects[n][0].bench for n in tied[:2] if n in search.effects]
         following = next_test(data, fits[tied[0]], fits[tied[1]], (tied[0], tied[1]), bench, limits)
     return Imitation(freedom.name, freedom.what, without, tuple(found), tied, following)
+
+
+def _shown(found: Sequence[Explanation], without: float, gained: float) -> bool:
+    """Do the tests show the dependence: does the best explanation gain what an effect must, and make the gap smaller?
+    gained : nats of the freedom over none of them."""
+    nats, share = gained + max(x.nats for x in found), min(x.share for x in found)
+    return nats >= EFFECT_NATS and without - share >= USED_SHARE
 
 
 def _distinguished(first: Explanation, other: Explanation) -> bool:

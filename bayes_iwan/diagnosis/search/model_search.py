@@ -28,23 +28,32 @@ def fit_singles(found: FittedSets) -> None:
     the first ones anyway, and those of which a first step tells little: where that much changes along the record, all
     that acts there, since one step of a fade that recovers leads nowhere. Once more from a better base: one that is not
     at its optimum is the commonest false gap."""
-    base, anyway = found.base, not as_sound(found)
-    changing = anyway and gap_of(found.data, base).along.rms_N > sound_gap_N(found.data)
-    chosen = [
-        x
-        for i, x in enumerate(found.offered(base))
-        if x.gain > PROMISE or (anyway and (i < SINGLE_MOST or x.effect.sudden)) or (changing and x.effect.evolving)
-    ]
-    found.add(chosen, base)
+    base, missing = found.base, not as_sound(found)
+    found.add(tried_alone(found.offered(base), missing, missing and changes_along(found)), base)
     for fit in found.ranked(found.sets(1))[:BEAM]:
         found.without(fit, *fit.names)
     if found.base.log_evidence > base.log_evidence + 1.0:
         fit_singles(found)
 
 
+def tried_alone(offered: Sequence[Candidate], missing: bool, changing: bool) -> list[Candidate]:
+    """The candidates that are refitted as single effects; missing : is more than a sound specimen's gap there,
+    changing : does as much change along the record?"""
+    return [
+        x
+        for i, x in enumerate(offered)
+        if x.gain > PROMISE or (missing and (i < SINGLE_MOST or x.effect.sudden)) or (changing and x.effect.evolving)
+    ]
+
+
 def as_sound(found: FittedSets) -> bool:
     """Does the base miss no more than it does of a sound specimen?"""
     return found.gaps_N([found.base])[0] <= sound_gap_N(found.data)
+
+
+def changes_along(found: FittedSets) -> bool:
+    """Does more than a sound specimen's gap of the base change along the record?"""
+    return gap_of(found.data, found.base).along.rms_N > sound_gap_N(found.data)
 
 
 def promising(offered: Sequence[Candidate], most: int) -> list[Candidate]:
