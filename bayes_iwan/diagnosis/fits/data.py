@@ -307,7 +307,7 @@ def _not_repeating_N(loop: Loop) -> float:
     of_displacement = harmonic_noise(loop.left_over(loop.record.displacement_mm), loop.n_cycles, len(loop.noise_N) - 1)
     stiffness = np.std(loop.force_N) / np.std(loop.displacement_mm)
     power = _beyond_white(loop.noise_N) - stiffness**2 * _beyond_white(of_displacement)
-    return float(np.sqrt(loop.n_cycles * max(power, 0.0)))
+    return float(np.sqrt(loop.n_cycles * np.maximum(power, 0.0)))
 
 
 def _beyond_white(noise: Array) -> float:
