@@ -256,6 +256,7 @@ def test_cycles_that_differ_are_a_cause_without_a_name_whatever_the_loops_show(a
     mains = frozenset({"mains_interference"})
     assert cycles_differ(data, ()) and not cycles_differ(data, mains) and not cycles_differ(none.data, ())
     d = to_dict(replace(none, data=data, found=found, verdict=verdict))
+    assert d["sentences"][-1] == "Next: look at the cycles one by one (bayes-iwan inspect)."
     assert any(said in s for s in d["sentences"]) and any("makes cycles differ" in s for s in d["sentences"])
     assert d["verdict"]["colour"] == "warning"
 

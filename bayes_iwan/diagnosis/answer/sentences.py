@@ -128,7 +128,7 @@ def _kind(d: Diagnosis) -> list[str]:
         return out
     why = "no known effect explains it in all tests" if d.data.tests > 1 else "one test does not show its cause"
     p = probability(d.budget.unexplained.probability)
-    if cycles_differ(d.data, v.names):
+    if _differ(d):
         return [*out, f"Cause unknown (probability {p}). No known effect makes cycles differ as these do."]
     return [*out, f"Cause unknown (probability {p}). The gap is real, but {why}."]
 
@@ -238,7 +238,7 @@ def _unexplained(d: Diagnosis) -> str:
     unexplained, after = d.budget.unexplained, d.budget.after
     kind = d.verdict.kind
     share = percent(1.0 if not d.verdict.causes else unexplained.share.value)
-    if after.low_N <= 0.0 and not d.verdict.unknown_cause:
+    if after.low_N <= 0.0 and (_differ(d) or not d.verdict.unknown_cause):
         return f"Unexplained: nothing beyond noise{_at_most(after)}."
     size = f"{share} of the gap, {force(after.rms_N)}, {percent(after.share)} of the friction force"
     if d.verdict.one_of and not d.verdict.causes:
@@ -259,7 +259,7 @@ def _resembles(d: Diagnosis) -> list[str]:
     physics = physics_of_pattern(unexplained.resembles) if d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN) else None
     if physics:
         out.append(f"{percent(unexplained.resembling)} of the gap resembles this: {physics.rstrip('.')}.")
-    if not d.verdict.unknown_cause or not cycles_differ(d.data, d.verdict.names):
+    if not _differ(d):
         return out
     if d.data.subharmonic.max() > LINE_STANDS:
         return [
@@ -270,8 +270,13 @@ def _resembles(d: Diagnosis) -> list[str]:
     return [
         *out,
         f"Cycles differ by {percent(d.data.not_repeating)} of the friction force, trends and white noise not "
-        "counted, which averaged loops hide. Debris, stick-slip and bursts of noise do that.",
+        "counted, which averaged loops hide. Debris, stick-slip, a sharp run-in and bursts of noise do that.",
     ]
+
+
+def _differ(d: Diagnosis) -> bool:
+    """Is it said that cycles differ as no known effect makes them?"""
+    return d.verdict.unknown_cause and cycles_differ(d.data, d.verdict.names)
 
 
 def _edges(d: Diagnosis) -> list[str]:
@@ -326,6 +331,8 @@ def next_sentence(d: Diagnosis) -> str:
         return "Next: record other amplitudes" + (" and frequencies." if d.campaign.clock else ".")
     if following is None and d.verdict.kind is Kind.NONE and d.verdict.probabilities["none"] >= PROBABLE:
         return "Next: no further test is needed."
+    if following is None and _differ(d):
+        return "Next: look at the cycles one by one (bayes-iwan inspect)."
     if following is None and not d.verdict.causes and not d.verdict.one_of:
         return "Next: no known effect is left for a test to separate; where the gap sits leads to its cause."
     if following is None:
