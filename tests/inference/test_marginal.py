@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import special
+from scipy import special, stats
 
 import bayes_iwan as bi
 from bayes_iwan.inference.setup.marginal import Marginal
@@ -47,17 +47,22 @@ def difference(marginal, z, shift):
     """ln p(x) − ln p(x, c) + ln p(c | x) of z (n, ndim), at c so many of its standard deviations off its mean."""
     at = z.copy()
     at[:, marginal.drawn] = 0.0
-    level, mean, root = marginal._integrated(at)
-    unit = np.full(mean.shape, shift)
-    c = mean + np.linalg.solve(root.transpose(0, 2, 1), unit[:, :, None])[:, :, 0]
+    each, y, root = marginal._integrated(at)
+    c = marginal._given(np.zeros(len(z), dtype=int), y, root, np.full(y.shape, shift))
+    conditional = each.copy()
+    for k, precision in enumerate(marginal._last[0]):  # of each normal density of what is drawn last
+        own = root.copy()
+        own[:, -1, -1] = np.sqrt(root[:, -1, -1] ** 2 - 1.0 + precision)
+        mean = marginal._given(np.full(len(z), k), y, root, np.zeros(y.shape))
+        unit = np.einsum("nij,ni->nj", own, c - mean)
+        conditional[:, k] += np.log(np.diagonal(own, axis1=1, axis2=2)).sum(axis=1) - 0.5 * np.sum(unit**2, axis=1)
     at[:, marginal.drawn], ratio = marginal._scores(c)
-    conditional = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1) - 0.5 * np.sum(unit**2, axis=1)
     value = {q.name: q.value(at[:, i]) for q, i in zip(marginal._parameters, marginal.drawn) if not q.normal}
     # the joint density is that of z, the ratio's of the values
     by_value = sum(marginal.problem.prior[n].log_density(v) for n, v in value.items())
     places = [i for q, i in zip(marginal._parameters, marginal.drawn) if not q.normal]
     by_value = by_value + 0.5 * np.sum(at[:, places] ** 2, axis=1)
-    found = level + ratio + marginal._prior_ratio(at) + conditional
+    found = np.logaddexp.reduce(conditional, axis=1) + ratio + marginal._prior_ratio(at)
     return found - marginal.problem.log_prob(marginal.joined(at, 1)) - by_value
 
 
@@ -76,17 +81,45 @@ def test_draws_given_the_others_have_the_conditional_mean_and_covariance(margina
     found = marginal(x, generator((1,)))
     z = np.zeros((1, marginal.problem.ndim))
     z[:, marginal.walked] = x[:1]
-    level, mean, root = marginal._integrated(z)
+    each, y, root = marginal._integrated(z)
     c = np.stack([
         f if q.normal else (q.value(f) - q.value(np.zeros(1))) / scale
         for q, scale, f in zip(marginal._parameters, marginal._scale, found[:, 1:].T)
     ], axis=1)  # fmt: skip
-    unit = (c - mean) @ root[0]
+    precision = marginal._last[0]
+    means = np.concatenate([marginal._given(np.array([k]), y, root, 0.0 * y) for k in range(len(precision))])
+    unit = (c - means[0]) @ root[0]
     at = np.tile(z, (len(x), 1))
     at[:, marginal.drawn] = found[:, 1:]
+    level = np.logaddexp.reduce(each, axis=1)
     np.testing.assert_allclose(found[:, 0], level + marginal._scores(c)[1] + marginal._prior_ratio(at), atol=1e-6)
-    np.testing.assert_allclose(unit.mean(axis=0), 0.0, atol=0.08)
-    np.testing.assert_allclose(np.cov(unit.T), np.eye(len(marginal.drawn)), atol=0.12)
+    others = unit[:, :-1]  # what is drawn last given, the others are the same for each of its normal densities
+    np.testing.assert_allclose(others.mean(axis=0), 0.0, atol=0.08)
+    np.testing.assert_allclose(np.cov(others.T), np.eye(others.shape[1]), atol=0.12)
+    weight, last = np.exp(each[0] - level), means[:, -1]
+    variance = 1.0 / (root[0, -1, -1] ** 2 - 1.0 + precision)
+    mean = weight @ last
+    sd = np.sqrt(weight @ (variance + (last - mean) ** 2))
+    assert c[:, -1].mean() == pytest.approx(mean, abs=0.08 * sd) and c[:, -1].std() == pytest.approx(sd, rel=0.06)
+
+
+def test_a_zero_of_which_loops_tell_nothing_has_its_prior(marginal):
+    """The mixture of normal densities is all but the t distribution, so the estimate of the integral hardly varies."""
+    d = len(marginal.drawn)
+    n = 20000
+    y, root = np.zeros((n, d)), np.tile(np.eye(d), (n, 1, 1))
+    rng = np.random.default_rng(3)
+    precision, log_weight = marginal._last
+    assert np.logaddexp.reduce(log_weight) == pytest.approx(0.0, abs=1e-12)
+    chosen = rng.choice(len(precision), n, p=np.exp(log_weight))
+    c = marginal._given(chosen, y, root, rng.standard_normal((n, d)))
+    zero = marginal._parameters[-1]
+    value = zero.value(np.zeros(1)) + marginal._scale[-1] * c[:, -1]
+    assert stats.kstest(value, zero.prior.cdf).pvalue > 0.01
+    at = np.zeros((7, d))
+    at[:, -1] = [0.0, 0.5, 1.0, 3.0, 10.0, 100.0, -100.0]
+    found = marginal._scores(at)[1]
+    assert np.ptp(found) < 0.05
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,12 @@ A = I + HᵀH,
 
     ∫ p(r − Hc) N(c) dc = p(r) · exp(½ bᵀA⁻¹b) / √|A|,      b = Hᵀr,      c | the others ~ N(A⁻¹b, A⁻¹).
 
-Where a prior π(c) is no normal one, the integral is multiplied by π(c) / N(c) at the c that was drawn. Its mean is the
-integral with π, and a walker that keeps the c it was accepted with samples the exact posterior (Andrieu & Roberts, Ann.
-Stat. 37, 2009, 697). So it is with the priors of k(1) and of the mean slip force, which are those of all elements.
+Where a prior π(c) is no normal one, the integral is multiplied by π(c) / N(c) at the c that was drawn. Its mean is
+the integral with π, and a walker that keeps the c it was accepted with samples the exact posterior (Andrieu &
+Roberts, Ann. Stat. 37, 2009, 697). So it is with the priors of k(1) and of the mean slip force, which are those of
+all elements. Records may tell nothing of the force channel's zero, whose prior has tails so broad that a ratio to a
+normal density has no variance, and walkers stand there. It is integrated with a mixture of normal densities in N's
+place, whose integrals differ in one number, the root's last; which of them c is drawn by is drawn first.
 
 What remains is a broad posterior of few numbers, where the joint one is a thin curved sheet of many: the walkers of an
 ensemble sampler find their way in it by themselves.
@@ -23,6 +26,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.setup.problem import Problem
@@ -38,6 +42,10 @@ _SPRING = "kp_N_mm"
 #: a slip force over the family's mean. Of `data/rope_spring` the stiffness of the elements that hold beyond it is known
 #: to 0.7 %, k(1) to 4 %
 _SEEN = np.array([1.0 / 16.0])
+#: precisions by which normal densities, weighted by their exponential distribution's mass, are a t distribution of two
+#: degrees of freedom
+_PRECISION = np.logspace(-6.0, 1.2, 25)
+_HALFWAY = np.sqrt(_PRECISION[1:] * _PRECISION[:-1])
 #: what further elements add to, and all elements' over the family's own: the mean slip force is the force of all
 #: elements, all slipping
 _ADDED_TO = {"k1_N_mm": elements, "mean_slip_force_N": friction}
@@ -113,12 +121,12 @@ class Marginal:
         z[:, self.walked] = x
         if len(self.drawn) == 0:
             return self.problem.log_prob(z)[:, None]
-        log_prob, mean, root = self._integrated(z)
-        unit = random.standard_normal(mean.shape)
-        c = mean + np.linalg.solve(root.transpose(0, 2, 1), unit[:, :, None])[:, :, 0]
+        each, y, root = self._integrated(z)
+        chosen = np.argmax(each + random.gumbel(size=each.shape), axis=1)
+        c = self._given(chosen, y, root, random.standard_normal(y.shape))
         z[:, self.drawn], ratio = self._scores(c)
         with np.errstate(invalid="ignore"):
-            log_prob = log_prob + ratio + self._prior_ratio(z)
+            log_prob = np.logaddexp.reduce(each, axis=1) + ratio + self._prior_ratio(z)
         possible = np.isfinite(log_prob) & np.all(np.abs(z[:, self.drawn]) <= Z_LIMIT, axis=1)  # as elsewhere
         return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], z[:, self.drawn]], axis=1)
 
@@ -141,19 +149,45 @@ class Marginal:
         """(drawn,): a parameter per c, half of what one standard score to either side changes it by."""
         return np.array([0.5 * np.ptp(q.value(np.array([-1.0, 1.0]))) for q in self._parameters])
 
+    @cached_property
+    def _last(self) -> tuple[Array, Array]:
+        """Precisions (k,) of the normal densities that stand for the prior of what is drawn last, and ln of their
+        weights."""
+        last = self._parameters[-1]
+        if last.name != FORCE_ZERO or last.normal:
+            return np.ones(1), np.zeros(1)
+        mass = np.diff(-np.exp(-np.r_[0.0, _HALFWAY, np.inf]))
+        # by how many of a standard t's units one standard score changes it
+        return _PRECISION * special.stdtrit(2.0, special.ndtr(1.0)) ** 2, np.log(mass)
+
+    def _given(self, chosen: NDArray[np.int64], y: Array, root: Array, unit: Array) -> Array:
+        """c (n, drawn) by the normal density of what is drawn last that was chosen (n,), from :meth:`_integrated` and
+        standard normal numbers unit (n, drawn)."""
+        root, y, before = root.copy(), y.copy(), root[:, -1, -1]
+        root[:, -1, -1] = np.sqrt(before**2 - 1.0 + self._last[0][chosen])
+        y[:, -1] *= before / root[:, -1, -1]
+        return np.asarray(np.linalg.solve(root.transpose(0, 2, 1), (y + unit)[:, :, None])[:, :, 0])
+
     def _scores(self, c: Array) -> tuple[Array, Array]:
-        """z (n, drawn) of c (n, drawn), and ln of π(c) / N(c) (n,)."""
+        """z (n, drawn) of c (n, drawn), and ln of π(c) over the density it was integrated with (n,)."""
         z, ratio = c.copy(), np.zeros(len(c))
+        precision, log_weight = self._last
         for j, (q, scale) in enumerate(zip(self._parameters, self._scale)):
             if not q.normal:
-                value = q.value(np.zeros(1)) + scale * c[:, j]
+                value, power = q.value(np.zeros(1)) + scale * c[:, j], 0.5 * c[:, j] ** 2
                 z[:, j] = q.score(value)
-                ratio += q.log_density(value) + np.log(scale) + 0.5 * c[:, j] ** 2
+                ratio += q.log_density(value) + np.log(scale)
+                if j < c.shape[1] - 1:
+                    ratio += power
+                else:
+                    each = log_weight + 0.5 * np.log(precision) - power[:, None] * precision
+                    ratio -= np.logaddexp.reduce(each, axis=1)
         return z, ratio
 
     def _integrated(self, z: Array) -> tuple[Array, Array, Array]:
-        """At z (n, ndim) with what is drawn at 0: ln of the integral (n,) under normal priors; the mean (n, drawn) of
-        the conditional density of c, and the lower triangular root (n, drawn, drawn) of its inverse covariance A."""
+        """At z (n, ndim) with what is drawn at 0: ln of the integral (n, k) with each of the normal densities of what
+        is drawn last, weighted; L⁻¹b (n, drawn); and L (n, drawn, drawn), the lower triangular root of A. The latter
+        two are with N for what is drawn last, too."""
         p, count = self.problem, len(self.drawn)
         values, names = p.parameter_values(self.joined(z, 1)), [q.name for q in self._parameters]
         with np.errstate(all="ignore"):
@@ -169,6 +203,9 @@ class Marginal:
         h = rows[:, 1:] * self._scale[:, None]
         root = np.linalg.cholesky(np.eye(count) + h @ h.transpose(0, 2, 1))
         y = np.linalg.solve(root, h @ rows[:, 0, :, None])
-        level += 0.5 * np.sum(y[:, :, 0] ** 2, axis=1) - np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
-        mean = np.linalg.solve(root.transpose(0, 2, 1), y)[:, :, 0]
-        return np.where(sound, level, -np.inf), mean, np.asarray(root)
+        y, diagonal = y[:, :, 0], np.diagonal(root, axis1=1, axis2=2)
+        level += 0.5 * np.sum(y[:, :-1] ** 2, axis=1) - np.sum(np.log(diagonal[:, :-1]), axis=1)
+        precision, log_weight = self._last
+        both = diagonal[:, -1:] ** 2 - 1.0 + precision
+        last = 0.5 * ((y[:, -1:] * diagonal[:, -1:]) ** 2 / both + np.log(precision / both)) + log_weight
+        return np.where(sound[:, None], level[:, None] + last, -np.inf), y, np.asarray(root)
