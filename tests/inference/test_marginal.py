@@ -43,17 +43,22 @@ def test_what_is_drawn_and_what_is_walked_in_make_up_all_coordinates(marginal):
     assert noise == ["noise_scale", "discrepancy_odd", "discrepancy_even", "discrepancy_slope"]
 
 
+def own_y(y, root, own):
+    """L⁻¹b with another last element of L."""
+    return np.concatenate([y[:, :-1], y[:, -1:] * root[:, -1, -1:] / own[:, -1, -1:]], axis=1)
+
+
 def difference(marginal, z, shift):
     """ln p(x) − ln p(x, c) + ln p(c | x) of z (n, ndim), at c so many of its standard deviations off its mean."""
     at = z.copy()
     at[:, marginal.drawn] = 0.0
     each, y, root = marginal._integrated(at)
-    c = marginal._given(np.zeros(len(z), dtype=int), y, root, np.full(y.shape, shift))
+    c, _ = marginal._given(np.zeros(len(z), dtype=int), y, root, np.full(y.shape, shift))
     conditional = each.copy()
     for k, precision in enumerate(marginal._last[0]):  # of each normal density of what is drawn last
         own = root.copy()
         own[:, -1, -1] = np.sqrt(root[:, -1, -1] ** 2 - 1.0 + precision)
-        mean = marginal._given(np.full(len(z), k), y, root, np.zeros(y.shape))
+        mean = np.linalg.solve(own.transpose(0, 2, 1), own_y(y, root, own)[:, :, None])[:, :, 0]
         unit = np.einsum("nij,ni->nj", own, c - mean)
         conditional[:, k] += np.log(np.diagonal(own, axis1=1, axis2=2)).sum(axis=1) - 0.5 * np.sum(unit**2, axis=1)
     at[:, marginal.drawn], ratio = marginal._scores(c)
@@ -87,7 +92,7 @@ def test_draws_given_the_others_have_the_conditional_mean_and_covariance(margina
         for q, scale, f in zip(marginal._parameters, marginal._scale, found[:, 1:].T)
     ], axis=1)  # fmt: skip
     precision = marginal._last[0]
-    means = np.concatenate([marginal._given(np.array([k]), y, root, 0.0 * y) for k in range(len(precision))])
+    means = np.concatenate([marginal._given(np.array([k]), y, root, 0.0 * y)[0] for k in range(len(precision))])
     unit = (c - means[0]) @ root[0]
     at = np.tile(z, (len(x), 1))
     at[:, marginal.drawn] = found[:, 1:]
@@ -103,6 +108,31 @@ def test_draws_given_the_others_have_the_conditional_mean_and_covariance(margina
     assert c[:, -1].mean() == pytest.approx(mean, abs=0.08 * sd) and c[:, -1].std() == pytest.approx(sd, rel=0.06)
 
 
+def test_a_stiffness_is_drawn_where_it_can_be_and_counts_by_how_much_of_it_that_is(marginal):
+    """Of a spring whose stiffness may as well be nothing: the estimates' mean is that of draws by the whole normal
+    density, of which those below zero count nothing, and varies less."""
+    d, n = len(marginal.drawn), 40000
+    spring, scale = marginal._parameters[-2], marginal._scale[-2]
+    sd = 0.5 * spring.value(np.zeros(1))[0] / scale  # half its median
+    root = np.tile(np.eye(d), (n, 1, 1))
+    root[:, -2, -2] = 1.0 / sd
+    root[:, -1, -2] = 0.3 / sd  # what the zero has to do with it
+    y = np.zeros((n, d))
+    y[:, -2] = (-spring.value(np.zeros(1))[0] / scale + 0.5 * sd) / sd
+    chosen, unit = np.zeros(n, dtype=int) + len(marginal._last[0]) - 1, np.random.default_rng(5).standard_normal((n, d))
+    c, share = marginal._given(chosen, y, root, unit)
+    z, ratio = marginal._scores(c)
+    assert spring.value(z[:, -2]).min() > 0.0
+    ours = np.exp(share + ratio)
+    own = root.copy()
+    own[:, -1, -1] = np.sqrt(marginal._last[0][-1])
+    plain = np.linalg.solve(own.transpose(0, 2, 1), (y + unit)[:, :, None])[:, :, 0]
+    with np.errstate(invalid="ignore"):
+        theirs = np.nan_to_num(np.exp(marginal._scores(plain)[1]))
+    assert 0.2 < np.mean(theirs == 0.0) < 0.5
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.04) and ours.std() < theirs.std()
+
+
 def test_a_zero_of_which_loops_tell_nothing_has_its_prior(marginal):
     """The mixture of normal densities is all but the t distribution, so the estimate of the integral hardly varies."""
     d = len(marginal.drawn)
@@ -112,7 +142,7 @@ def test_a_zero_of_which_loops_tell_nothing_has_its_prior(marginal):
     precision, log_weight = marginal._last
     assert np.logaddexp.reduce(log_weight) == pytest.approx(0.0, abs=1e-12)
     chosen = rng.choice(len(precision), n, p=np.exp(log_weight))
-    c = marginal._given(chosen, y, root, rng.standard_normal((n, d)))
+    c, _ = marginal._given(chosen, y, root, rng.standard_normal((n, d)))
     zero = marginal._parameters[-1]
     value = zero.value(np.zeros(1)) + marginal._scale[-1] * c[:, -1]
     assert stats.kstest(value, zero.prior.cdf).pvalue > 0.01

@@ -123,10 +123,10 @@ class Marginal:
             return self.problem.log_prob(z)[:, None]
         each, y, root = self._integrated(z)
         chosen = np.argmax(each + random.gumbel(size=each.shape), axis=1)
-        c = self._given(chosen, y, root, random.standard_normal(y.shape))
+        c, share = self._given(chosen, y, root, random.standard_normal(y.shape))
         z[:, self.drawn], ratio = self._scores(c)
         with np.errstate(invalid="ignore"):
-            log_prob = np.logaddexp.reduce(each, axis=1) + ratio + self._prior_ratio(z)
+            log_prob = np.logaddexp.reduce(each, axis=1) + share + ratio + self._prior_ratio(z)
         possible = np.isfinite(log_prob) & np.all(np.abs(z[:, self.drawn]) <= Z_LIMIT, axis=1)  # as elsewhere
         return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], z[:, self.drawn]], axis=1)
 
@@ -160,13 +160,29 @@ class Marginal:
         # by how many of a standard t's units one standard score changes it
         return _PRECISION * special.stdtrit(2.0, special.ndtr(1.0)) ** 2, np.log(mass)
 
-    def _given(self, chosen: NDArray[np.int64], y: Array, root: Array, unit: Array) -> Array:
+    def _given(self, chosen: NDArray[np.int64], y: Array, root: Array, unit: Array) -> tuple[Array, Array]:
         """c (n, drawn) by the normal density of what is drawn last that was chosen (n,), from :meth:`_integrated` and
-        standard normal numbers unit (n, drawn)."""
+        standard normal numbers unit (n, drawn); and ln of the share (n,) of that density in which c is possible, to
+        which it is drawn."""
         root, y, before = root.copy(), y.copy(), root[:, -1, -1]
         root[:, -1, -1] = np.sqrt(before**2 - 1.0 + self._last[0][chosen])
         y[:, -1] *= before / root[:, -1, -1]
-        return np.asarray(np.linalg.solve(root.transpose(0, 2, 1), (y + unit)[:, :, None])[:, :, 0])
+        right, share, upper = y + unit, np.zeros(len(y)), root.transpose(0, 2, 1)
+        for j in np.flatnonzero(np.isfinite(self._least)):
+            after = np.linalg.solve(upper[:, j + 1 :, j + 1 :], right[:, j + 1 :, None])
+            least = self._least[j] * root[:, j, j] - y[:, j] + (upper[:, j, None, j + 1 :] @ after)[:, 0, 0]
+            right[:, j] = y[:, j] - special.ndtri(special.ndtr(-unit[:, j]) * special.ndtr(-least))
+            share += special.log_ndtr(-least)
+        return np.asarray(np.linalg.solve(upper, right[:, :, None])[:, :, 0]), share
+
+    @cached_property
+    def _least(self) -> Array:
+        """(drawn,): c of the lower end of each prior that is no normal one, −∞ of the others."""
+        some = [
+            -np.inf if q.normal else max(q.lower, q.prior.support()[0]) - q.value(np.zeros(1))[0]
+            for q in self._parameters
+        ]
+        return np.array(some) / self._scale
 
     def _scores(self, c: Array) -> tuple[Array, Array]:
         """z (n, drawn) of c (n, drawn), and ln of π(c) over the density it was integrated with (n,)."""
