@@ -10,11 +10,12 @@ A = I + HᵀH,
 
     ∫ p(r − Hc) N(c) dc = p(r) · exp(½ bᵀA⁻¹b) / √|A|,      b = Hᵀr,      c | the others ~ N(A⁻¹b, A⁻¹).
 
-Where a prior π(c) is no normal one, the integral is multiplied by π(c) / N(c) at the c that was drawn. Its mean is
-the integral with π, and a walker that keeps the c it was accepted with samples the exact posterior (Andrieu &
-Roberts, Ann. Stat. 37, 2009, 697). So it is with the priors of k(1) and of the mean slip force, which are those of
-all elements. Records may tell nothing of the force channel's zero, whose prior has tails so broad that a ratio to a
-normal density has no variance, and walkers stand there. It is integrated with a mixture of normal densities in N's
+Where a prior π(c) is no normal one, the integral is multiplied by π(c) / N(c) at the c that was drawn. Its mean is the
+integral with π, and a walker that keeps the c it was accepted with samples the exact posterior (Andrieu & Roberts, Ann.
+Stat. 37, 2009, 697). So it is with the priors of k(1) and of the mean slip force, which are those of all elements. A c
+that the prior forbids, a stiffness below zero, is not drawn: the integral counts by the share of the normal density in
+which c is possible. Records may tell nothing of the force channel's zero, whose prior has tails so broad that a ratio
+to a normal density has no variance, and walkers stand there. It is integrated with a mixture of normal densities in N's
 place, whose integrals differ in one number, the root's last; which of them c is drawn by is drawn first.
 
 What remains is a broad posterior of few numbers, where the joint one is a thin curved sheet of many: the walkers of an
@@ -123,9 +124,9 @@ class Marginal:
             return self.problem.log_prob(z)[:, None]
         each, y, root = self._integrated(z)
         chosen = np.argmax(each + random.gumbel(size=each.shape), axis=1)
-        c, share = self._given(chosen, y, root, random.standard_normal(y.shape))
-        z[:, self.drawn], ratio = self._scores(c)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # of places from which nothing possible can be drawn
+            c, share = self._given(chosen, y, root, random.standard_normal(y.shape))
+            z[:, self.drawn], ratio = self._scores(c)
             log_prob = np.logaddexp.reduce(each, axis=1) + share + ratio + self._prior_ratio(z)
         possible = np.isfinite(log_prob) & np.all(np.abs(z[:, self.drawn]) <= Z_LIMIT, axis=1)  # as elsewhere
         return np.concatenate([np.where(possible, log_prob, -np.inf)[:, None], z[:, self.drawn]], axis=1)
