@@ -123,6 +123,7 @@ def test_what_differs_from_cycle_to_cycle_counts_by_its_rms_and_white_noise_and_
         cycles=cycles, extra=lambda time, test: 0.5 * time / time[-1] * np.cos(2.0 * np.pi * TESTS[test][0] * time)
     )
     assert trend.not_repeating < 0.02 * data.not_repeating
+    assert data.part([0]).not_repeating == pytest.approx(expected, rel=0.5)
     few = data_of(cycles=8, extra=debris)
     assert few.not_repeating == 0.0  # too short to tell it from a trend
 

@@ -143,15 +143,15 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     causes = _causes(found, named, probabilities, c, held_out)
     by_size = c.unknown_cause(found.models.sizes[frozenset(named)].all.resolved_share)
     unknown = unknown_cause_probability(by_size, found.figures, found.sets)
-    if cycles_differ(found.search.data, named):
-        unknown = SUREST
+    differ = cycles_differ(found.search.data, named)
+    unknown = SUREST if differ else unknown
     likeliest = max(probabilities.values(), default=0.0)
     probabilities |= {"none": (1.0 - likeliest) * (1.0 - unknown), "unknown": unknown}
     flagged = unknown >= PROBABLE
     kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
     loops = found.search.data.loops
     cornered, theirs = tuple(x.file for x in loops if x.corners_gap), max(x.corners_gap for x in loops)
-    if kind is not Kind.NONE and found.models.sizes[frozenset()].all.share <= theirs:
+    if kind is not Kind.NONE and not differ and found.models.sizes[frozenset()].all.share <= theirs:
         none = probabilities["none"]
         sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
         return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)

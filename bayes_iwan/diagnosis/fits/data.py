@@ -305,7 +305,8 @@ def _not_repeating_N(loop: Loop) -> float:
     if loop.n_cycles < MANY_CYCLES:
         return 0.0
     of_displacement = harmonic_noise(loop.left_over(loop.record.displacement_mm), loop.n_cycles, len(loop.noise_N) - 1)
-    stiffness = np.std(loop.force_N) / np.std(loop.displacement_mm)
+    # what sticks is stiffer than the whole loop
+    stiffness = 2.0 * np.std(loop.force_N) / np.std(loop.displacement_mm)
     power = _beyond_white(loop.noise_N) - stiffness**2 * _beyond_white(of_displacement)
     return float(np.sqrt(loop.n_cycles * np.maximum(power, 0.0)))
 
