@@ -312,8 +312,10 @@ def _not_repeating_N(loop: Loop) -> float:
 
 
 def _beyond_white(noise: Array) -> float:
-    """Power of the noise of the first harmonics beyond that of the highest third of all."""
+    """Power of the noise of the first harmonics beyond that of the highest third of all; 0 where none is known."""
     known = noise[np.isfinite(noise)]
+    if len(known) == 0:
+        return 0.0
     white = np.median(known[2 * len(known) // 3 :] ** 2)
     first = known[1 : TREND_HARMONICS + 1] ** 2
     return float(np.sum(np.maximum(first - white, 0.0)))
