@@ -27,18 +27,17 @@ from bayes_iwan.sampling.straightening import Proposal, Straightened, Straighten
 
 #: degrees of freedom of the mixture: tails heavier than the posterior's keep a walker from being stuck in them
 _NU = 12.0
-#: steps of expectation and maximisation, and the share of the whole covariance that each component's has at least: with
-#: few draws in many dimensions its own is too narrow somewhere
-_STEPS, _WHOLE = 25, 0.3
+#: steps of expectation and maximisation, and draws that the whole covariance counts as in each component's: of few
+#: draws in many dimensions its own is too narrow somewhere
+_STEPS, _WHOLE = 25, 60.0
 #: lengths of steps along a difference over the usual one, at least; steps along the whole difference, which lead from
 #: mode to mode, have a share of their own
 _SHORTEST, _WHOLE_STEPS = 0.1, 0.1
 #: shares of the coordinates that a difference moves, each as often
 _MOVED = 1 / 3, 2 / 3, 1.0
 _SNOOKER = 1.7  # factor of the projected difference
-#: components of each block's mixture. Draws of walkers depend on each other: ten thousand tell as much as a few hundred
-#: independent ones, which more components follow too closely (time to convergence: `analyses/guide/measured.md`)
-_COMPONENTS = 3
+#: components of each block's mixture
+_COMPONENTS = 8
 #: of steps that are independent proposals of all coordinates, of one block, along differences, and snooker's
 _SHARES = 0.4, 0.2, 0.2, 0.2
 
@@ -124,7 +123,7 @@ class Mixture:
             weights, centres = count / count.sum(), share.T @ unit / count[:, None]
             for k in range(components):
                 apart = unit - centres[k]
-                scales[k] = (1.0 - _WHOLE) * (apart.T * share[:, k]) @ apart / count[k] + _WHOLE * np.eye(ndim)
+                scales[k] = ((apart.T * share[:, k]) @ apart + _WHOLE * np.eye(ndim)) / (count[k] + _WHOLE)
         return cls.of(weights, x.mean(axis=0) + centres @ root.T, root @ np.linalg.cholesky(scales))
 
     def draw(self, n: int, random: np.random.RandomState) -> Array:
@@ -167,14 +166,19 @@ def learnt_moves(
     x: Array, blocks: Sequence[NDArray[np.int64]], random: np.random.RandomState
 ) -> list[tuple[MHMove, float]]:
     """Moves with their weights from draws x (n, ndim): independent proposals of all coordinates and of each block,
-    steps along differences and snooker's, all of them in straight coordinates.
+    steps along differences and snooker's; all of them in linear coordinates, and all of them in straight ones. Straight
+    ones follow curved sheets. Where they are straight is beyond the draws another matter: by them alone, parts of a
+    posterior that few walkers know yet are hardly proposed (time to convergence: `analyses/guide/measured.md`).
 
     blocks : places of the coordinates, those first that others follow, each in one of them.
     """
-    straightening = Straightening.fitted(x, blocks)
-    u = straightening.straight(x)
-    parts = [(p, Mixture.fitted(u[:, p], _COMPONENTS, random)) for p in blocks]
-    proposals: list[tuple[Proposal, float]] = [(Independent(parts), _SHARES[0])]
-    proposals += [(Independent([part]), _SHARES[1] / len(parts)) for part in parts]
-    proposals += [(Differences(u), _SHARES[2]), (Snooker(u), _SHARES[3])]
-    return [(MHMove(Straightened(straightening, p)), share) for p, share in proposals]
+    out = []
+    for products in (False, True):
+        straightening = Straightening.fitted(x, blocks, products)
+        u = straightening.straight(x)
+        parts = [(p, Mixture.fitted(u[:, p], _COMPONENTS, random)) for p in blocks]
+        proposals: list[tuple[Proposal, float]] = [(Independent(parts), _SHARES[0])]
+        proposals += [(Independent([part]), _SHARES[1] / len(parts)) for part in parts]
+        proposals += [(Differences(u), _SHARES[2]), (Snooker(u), _SHARES[3])]
+        out += [(MHMove(Straightened(straightening, p)), 0.5 * share) for p, share in proposals]
+    return out

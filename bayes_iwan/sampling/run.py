@@ -2,8 +2,9 @@
 
 Walkers are led to the posterior (:mod:`bayes_iwan.sampling.annealing`), then move by proposals that are learnt from
 draws (:mod:`bayes_iwan.sampling.proposals`): at first from where all of them were led to, then from the later half of
-the walkers' own, whenever these are half as many again and those since are not half of what is asked. Draws count from
-the last time on. No walker ever knows of another one that production moves, so they are as many chains.
+the walkers' own, whenever these are half as many again and those since are not half of the effective draws that are
+asked for, or not as many autocorrelation times. Draws count from the last time on. No walker ever knows of another one
+that production moves, so they are as many chains.
 
 Walkers advance in blocks of steps, each with random numbers of its own that follow from the seed, so draws are the same
 wherever a block is computed. Block by block they go into a checkpoint; a run that goes on from it draws the very same.
@@ -249,8 +250,11 @@ class EnsembleRun:
         return self.blocks == max(1, self.learnt + 1, math.ceil(_AGAIN * self.learnt))
 
     def _near(self, result: Convergence | None) -> bool:
-        """Would as many draws again be enough?"""
-        return result is not None and 2.0 * result.least_ess >= self.plan.target_ess
+        """Would as many draws again be enough? An effective size from fewer autocorrelation times than are asked for
+        knows nothing of slower changes yet."""
+        if result is None or self.steps < self.plan.chain_taus * result.worst_tau:
+            return False
+        return 2.0 * result.least_ess >= self.plan.target_ess
 
     def _opened(self, bar: tqdm) -> Checkpoint | None:
         """The checkpoint, where there is one, and the walkers where it leaves them, else at their starts."""

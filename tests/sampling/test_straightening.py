@@ -49,6 +49,18 @@ def test_a_quadratic_bend_becomes_straight():
     assert np.abs(np.cov(x[:, 4], u[:, 3] ** 2)[0, 1]) > 1.5  # as it was before
 
 
+def test_without_products_it_is_the_root_of_the_covariance():
+    """In the blocks' order, whatever these are, and as linear far from the draws as among them."""
+    x, _ = bent(40_000)
+    order = np.concatenate(BLOCKS)
+    root = np.linalg.cholesky(np.cov(x[:, order].T))
+    more = bent(50, seed=1)[0]
+    found = Straightening.fitted(x, BLOCKS, products=False).straight(more)[:, order]
+    np.testing.assert_allclose(found, np.linalg.solve(root, (more - x.mean(axis=0))[:, order].T).T, atol=0.05)
+    far = Straightening.fitted(x, BLOCKS, products=False).straight(np.array([x[0], 3.0 * x[0] - 2.0 * x[1], x[1]]))
+    np.testing.assert_allclose(far[1], 3.0 * far[0] - 2.0 * far[2], rtol=1e-6)
+
+
 def test_draws_of_one_block_are_only_scaled():
     x = np.random.default_rng(2).standard_normal((100, 3)) @ np.array(
         [[2.0, 0.0, 0.0], [1.0, 0.3, 0.0], [0.0, 5.0, 1.0]]
