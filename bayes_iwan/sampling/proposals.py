@@ -167,8 +167,8 @@ def learnt_moves(
 ) -> list[tuple[MHMove, float]]:
     """Moves with their weights from draws x (n, ndim): independent proposals of all coordinates and of each block,
     steps along differences and snooker's; all of them in linear coordinates, and all of them in straight ones. Straight
-    ones follow curved sheets. Where they are straight is beyond the draws another matter: by them alone, parts of a
-    posterior that few walkers know yet are hardly proposed (time to convergence: `analyses/guide/measured.md`).
+    ones follow curved sheets, but only as far as the draws reach: by them alone, parts of a posterior that few walkers
+    have been in yet are hardly ever proposed (time to convergence: `analyses/guide/measured.md`).
 
     blocks : places of the coordinates, those first that others follow, each in one of them.
     """
