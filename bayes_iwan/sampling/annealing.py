@@ -1,11 +1,11 @@
-"""Walkers that are led from a wide guess to the posterior, so that they start all over it, in all of its parts.
+"""Walkers that are led from a wide guess to the posterior, so that they start all over it.
 
 The guess q is a mixture of t distributions about the optima, several times as wide as the normal approximations there,
 as far as the prior allows. From q the densities q^(1−β) p^β lead to the posterior p, each β as far from the last one as
 half of the walkers bear: these are drawn again as often as their weights say, moves are learnt from them, and emcee
 moves them by some steps (annealed importance sampling with resampling: Del Moral, Doucet & Jasra, J. R. Stat. Soc. B
 68, 2006, 411). Normal approximations alone are too narrow where the posterior is a curved sheet, and know little of how
-much each of its parts weighs.
+much each of its parts weighs. Parts that hold a few per cent may still get too few walkers.
 """
 
 from __future__ import annotations
