@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import sys
 from contextlib import suppress
+from dataclasses import asdict, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -49,6 +51,44 @@ def one_signature():
 
     called = {k.py_func.__qualname__: {tuple(map(layout, s)) for s in k.signatures} for k in kernels}
     assert not (several := {name: s for name, s in called.items() if len(s) > 1}), several
+
+
+@pytest.fixture
+def reference(request):
+    """reference(numbers): what dictionaries and lists hold is what it was, to half a per cent, as reference.json beside
+    the test has it under the test's name. No truths, other tests have these: what moves a number must be meant. Then
+
+        BAYES_IWAN_REFERENCE=write python -m pytest -n 0 tests/diagnosis/test_reference.py
+
+    writes them anew. SSE and AVX-512 differ by less than a thousandth, but where a number is nearly zero.
+    """
+    file = Path(request.path).with_name("reference.json")
+    everything = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+
+    def compared(numbers):
+        found = dict(_leaves(numbers))
+        if os.environ.get("BAYES_IWAN_REFERENCE") == "write":
+            everything[request.node.name] = found
+            file.write_text(json.dumps(everything, indent=0, sort_keys=True) + "\n", encoding="utf-8")
+        was = everything[request.node.name]
+        assert found.keys() == was.keys()
+        near = {n: pytest.approx(x, rel=5e-3, abs=1e-6) if isinstance(x, float) else x for n, x in was.items()}
+        moved = {n: (was[n], x) for n, x in found.items() if x != near[n]}
+        assert not moved, moved
+
+    return compared
+
+
+def _leaves(x, path=""):
+    """Path and value of all numbers, names and missing values of nested results, lists and arrays; no sentences."""
+    x = asdict(x) if is_dataclass(x) else x.tolist() if isinstance(x, np.ndarray | np.generic) else x
+    if isinstance(x, dict | list | tuple):
+        for name, inner in x.items() if isinstance(x, dict) else enumerate(x):
+            yield from _leaves(inner, f"{path}/{name}")
+    elif isinstance(x, float):
+        yield path, float(f"{x:.6g}")
+    elif not isinstance(x, str) or " " not in x:
+        yield path, x
 
 
 @pytest.fixture(scope="session")
