@@ -9,7 +9,8 @@ of each test's dissipated energy comes from a run without noise and sensors. A s
 model's are infinitely many: with 150 (`--sliders 150`), whose stiffnesses differ by up to 15 %, the share of stiffness
 that slips below a force is a jagged curve, whose quartiles stray from those of the smooth curve that loops show.
 `exact` specimens are the paper's model itself at what such a specimen's loops are fitted by, with the measured noise
-drawn anew.
+drawn anew. `remount_scatter` and `room_climate` specimens differ from test to test, in stiffness or friction: the truth
+of kp, k(1) and the slip forces is what they scatter about.
 
 An interval that is right holds the truth as often as it says. What is counted are quantiles of draws: `sampled` until
 they have converged, `quick` as `--quick` draws. Asked for fewer effective draws (`--ess 100 --r-hat 1.03 --taus 5`)
@@ -48,6 +49,8 @@ from sbc import found_point, short_posterior
 LEVELS = (0.5, 0.9, 0.95)
 GRID = {"n_phase": 64, "n_harmonics": 24}
 QUARTILES = (25, 50, 75)
+#: what differs from test to test
+SCATTERED = ("remount_scatter", "room_climate")
 NAMES = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N", *(f"slip_force_q{q}_N" for q in QUARTILES), "energy")
 #: share of the amplitude-wide change of α above which the normal force varies strongly
 STRONG = 0.5
@@ -71,9 +74,10 @@ def on_fixture(s: Specimen, compliance_mm_N: float) -> dict[str, float]:
     return truth | {f"slip_force_q{q}_N": float(np.interp(q / 100, slipped, phi)) for q in QUARTILES}
 
 
-def simulated(seed: int, index: int, n_sliders: int) -> dict[str, Any]:
-    """A sound case of the rig: its averaged loops as recorded, and the truths."""
-    case = rig_cases.draw_case(np.random.default_rng([seed, index]), "none", n_sliders=n_sliders)
+def simulated(kind: str, seed: int, index: int, n_sliders: int) -> dict[str, Any]:
+    """A case of the rig, sound or one of SCATTERED: its averaged loops as recorded, and the truths."""
+    drawn = ("outside", [kind]) if kind in SCATTERED else ("none",)
+    case = rig_cases.draw_case(np.random.default_rng([seed, index]), *drawn, n_sliders=n_sliders)
     tests = tuple(t for t in case.tests if t.role == "fit")
     loops = [average(r, **GRID) for r in rig.records(case.rig.run_all(tests))]
     clean = [average(r, **GRID) for r in rig.records(case.rig.run_all(tests, clean=True))]
@@ -87,7 +91,7 @@ def simulated(seed: int, index: int, n_sliders: int) -> dict[str, Any]:
 
 def exact(seed: int, index: int, n_sliders: int) -> dict[str, Any]:
     """The same tests of a specimen that is the paper's model, at the optimum of the rig's loops."""
-    loops = simulated(seed, index, n_sliders)["loops"]
+    loops = simulated("rig", seed, index, n_sliders)["loops"]
     problem = make_problem(loops, {"model": {"embedded": False}})
     z = found_point(problem, index).z[None]
     rng = np.random.default_rng([seed, index, 2])
@@ -117,7 +121,7 @@ def one_case(
     kind: str, seed: int, index: int, forms: list[str], ways: list[str], settings: SamplingSettings, n_sliders: int
 ) -> dict[str, Any]:
     """By form and way of drawing: where the truths stand among the draws, and how wide the 90 % intervals are."""
-    made = (simulated if kind == "rig" else exact)(seed, index, n_sliders)
+    made = exact(seed, index, n_sliders) if kind == "exact" else simulated(kind, seed, index, n_sliders)
     loops: list[Loop] = made["loops"]
     out: dict[str, Any] = {"kind": kind, "tests": len(loops)}
     out["frequencies"] = len({round(float(np.log(x.frequency_hz) / 0.05)) for x in loops})
@@ -204,7 +208,7 @@ def figure(cases: list[dict[str, Any]], key: str) -> Figure:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, nargs="+", default=[24], help="specimens of each seed")
-    parser.add_argument("--kind", nargs="+", choices=("rig", "exact"), default=["rig"])
+    parser.add_argument("--kind", nargs="+", choices=("rig", "exact", *SCATTERED), default=["rig"])
     parser.add_argument("--forms", nargs="+", choices=("embedded", "plain"), default=["embedded"])
     parser.add_argument("--draws", nargs="+", choices=("sampled", "quick"), default=["sampled"])
     parser.add_argument("--budget", type=float, default=240.0, help="seconds of sampling for each posterior, at most")
