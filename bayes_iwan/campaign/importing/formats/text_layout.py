@@ -282,8 +282,9 @@ def names_and_units(lines: list[str], style: Style, width: int) -> tuple[list[st
         return names, _bare(units)
     fitting: list[list[str]] = []
     below = False
+    space = r"[^\S\t]" if style.separator == "\t" else r"\s"  # "#" may be the name of a column
     for line in reversed([line for line in lines if re.search(r"[^\W_]", line)]):
-        line = re.sub(rf"^\s*(?!{re.escape(style.separator)}){REMARK}\s*", "", line)
+        line = re.sub(rf"^\s*(?!{re.escape(style.separator)}){REMARK}{space}*", "", line)
         line = re.sub(rf"^(?i:{UNIT_WORDS})\s*[:=]\s*", "", line)
         cells = style.cells(line)
         if style.separator == r"\s+" and len(cells) > width == len(spaced := re.split(r"\t|\s{2,}", line.strip())):
