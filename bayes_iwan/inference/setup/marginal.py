@@ -10,13 +10,14 @@ A = I + HᵀH,
 
     ∫ p(r − Hc) N(c) dc = p(r) · exp(½ bᵀA⁻¹b) / √|A|,      b = Hᵀr,      c | the others ~ N(A⁻¹b, A⁻¹).
 
-Where a prior π(c) is no normal one, the integral is multiplied by π(c) / N(c) at the c that was drawn. Its mean is the
+Where a prior π(c) is not normal, the integral is multiplied by π(c) / N(c) at the c that was drawn. Its mean is the
 integral with π, and a walker that keeps the c it was accepted with samples the exact posterior (Andrieu & Roberts, Ann.
-Stat. 37, 2009, 697). So it is with the priors of k(1) and of the mean slip force, which are those of all elements. A c
-that the prior forbids, a stiffness below zero, is not drawn: the integral counts by the share of the normal density in
-which c is possible. Records may tell nothing of the force channel's zero, whose prior has tails so broad that a ratio
-to a normal density has no variance, and walkers stand there. It is integrated with a mixture of normal densities in N's
-place, whose integrals differ in one number, the root's last; which of them c is drawn by is drawn first.
+Stat. 37, 2009, 697). So it is for k(1) and the mean slip force, whose priors are those of all elements. A c that the
+prior forbids, a stiffness below zero, is not drawn: the integral counts by the share of the normal density in which c
+is possible. Some records tell nothing of the force channel's zero. Then its prior decides, a t distribution with tails
+so heavy that its ratio to a normal density has no finite variance, and walkers would stand still. So it is integrated
+with a mixture of normal densities in N's place that is nearly that t. Their integrals differ in one number, the root's
+last; from which of them c is drawn is drawn first.
 
 What remains is a broad posterior of few numbers, where the joint one is a thin curved sheet of many: the walkers of an
 ensemble sampler find their way in it by themselves.
