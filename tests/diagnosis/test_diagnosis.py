@@ -308,6 +308,10 @@ def test_stored_fits_that_cannot_be_used_are_refused_in_one_line(folder, further
     with pytest.raises(SavedFitsError, match="damaged"):
         find_shares(tmp_path, further)
     stored = json.loads((folder / "fits.json").read_text())
+    for other in (stored | {"schema": 1}, {k: v for k, v in stored.items() if k != "schema"}, []):
+        (tmp_path / "fits.json").write_text(json.dumps(other))
+        with pytest.raises(SavedFitsError, match="not fits of this version"):
+            find_shares(tmp_path, further)
     stored["fits"]["viscous_damping"]["effects"][0] |= {"class": "Gone", "name": "gone"}
     (tmp_path / "fits.json").write_text(json.dumps(stored))
     with pytest.raises(EffectError, match="'gone', which is not in the catalogue"):
