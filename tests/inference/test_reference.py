@@ -45,6 +45,7 @@ def test_likelihoods(loops, reference, kind):
     z = 0.4 * np.sin(np.outer([1, 2], np.arange(1, problem.ndim + 1)))
     again = replicated(problem, problem.predict(z), problem.parameter_values(z), np.random.default_rng(3))
     reference({
+        "name": problem.likelihood.name,
         "log_likelihood": problem.log_likelihood(z),
         "log_prob": problem.log_prob(z),
         "pointwise": problem.pointwise(z).sum(axis=-1),
