@@ -61,7 +61,7 @@ def reference(request):
 
         BAYES_IWAN_REFERENCE=write python -m pytest -n 0 tests/diagnosis/test_reference.py
 
-    writes them anew. SSE and AVX-512 differ by less than a thousandth, but where a number is nearly zero.
+    writes them anew. With OPENBLAS_CORETYPE=Nehalem NUMBA_CPU_NAME=generic, a processor without AVX, they hold, too.
     """
     file = Path(request.path).with_name("reference.json")
     everything = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}

@@ -52,7 +52,7 @@ def test_headings_are_known_by_their_words(tmp_path, head, encoding):
 @pytest.mark.parametrize("between", [";", "\t", ","])
 @pytest.mark.parametrize("counted", [True, False])
 def test_a_sign_of_remarks_may_stand_above_the_rows_numbers(tmp_path, between, counted):
-    """ "#" is the name of a column of numbers, or marks the line of names as a remark."""
+    """A "#" is the name of a column of numbers, or marks the line of names as a remark."""
     columns = [[str(i) for i in range(N)], T, X, F] if counted else [T, X, F]
     text = rows([("#;" if counted else "# ") + "Time (s);Disp (µm);Force (N)"], *columns)
     same(record(tmp_path, text.replace(";", between)))
