@@ -1,11 +1,11 @@
 """Predict tests that were not fitted, and see whether the intervals hold what was then measured.
 
     python analyses/predict_untested.py CAMPAIGN --out predict.png
-    python analyses/predict_untested.py --rig 10 --seed 17 --by frequency [--laplace]
+    python analyses/predict_untested.py --rig 10 --seed 17 --by frequency [--quick]
 
 Each frequency, and each amplitude, is held out in turn (where others remain); the rest is identified by a short run
-and predicts it. Shown: the residual of every held-out loop within its 50 and 90 % bands, and the coverage. --laplace:
-frequencies of the rig's specimens without sampling, as the identification page has them, a second or two a specimen.
+and predicts it. Shown: the residual of every held-out loop within its 50 and 90 % bands, and the coverage. --quick:
+frequencies of the rig's specimens as the page of a quick identification has them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ import bayes_iwan as bi
 from bayes_iwan.comparison.families import SHORT
 from bayes_iwan.inference.results.held_out_frequencies import HELD, held_out_frequencies, held_out_said
 from bayes_iwan.inference.setup.quantities import loop_quantities
-from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.report.axes import band
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import predict
@@ -103,17 +102,17 @@ def table(predicted):
         )
 
 
-def on_the_rig(count, seed, what, laplace):
+def on_the_rig(count, seed, what, quick):
     """Sound specimens of the virtual rig: each held-out group, and over all of them the means."""
     from coverage_rig import simulated
 
-    if not laplace:
+    if not quick:
         print(HEADER)
     every = []
     for index in range(count):
         loops = simulated(seed, index)["loops"]
-        if laplace:
-            left = without_sampling(loops, index)
+        if quick:
+            left = of_quick_runs(loops, index)
             print(f"{index}: {held_out_said(left) or 'one frequency only'}", flush=True)
             every += [(x.points_50, x.points_90, x.quantities_90) for x in left]
             continue
@@ -130,12 +129,10 @@ def on_the_rig(count, seed, what, laplace):
     )
 
 
-def without_sampling(loops, seed, starts=12):
-    """Each frequency of the loops held out, about optima that least squares finds from draws of the prior."""
+def of_quick_runs(loops, seed):
+    """Each frequency of the loops held out, from a quick posterior of all of them."""
     problem = bi.make_problem(loops)
-    first = problem.prior.draw(np.random.default_rng([seed, 3]), 40 * starts)
-    optima, _, _ = most_probable(problem, first[np.argsort(problem.goal(first))[:starts]])
-    return held_out_frequencies(problem, optima)
+    return held_out_frequencies(problem, bi.identify_problem(problem, seed, quick=True, progress=False).flat_z(), seed)
 
 
 if __name__ == "__main__":
@@ -145,11 +142,11 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", default="predict.png")
     parser.add_argument("--rig", type=int, metavar="N", help="N sound specimens of the virtual rig, not a campaign")
-    parser.add_argument("--laplace", action="store_true", help="with --rig: frequencies, without sampling")
+    parser.add_argument("--quick", action="store_true", help="with --rig: frequencies, by quick runs")
     args = parser.parse_args()
     what = {"frequency": ("frequency_hz",), "amplitude": ("amplitude_mm",), "both": ("frequency_hz", "amplitude_mm")}
     if args.rig:
-        on_the_rig(args.rig, args.seed, what[args.by], args.laplace)
+        on_the_rig(args.rig, args.seed, what[args.by], args.quick)
     else:
         if args.campaign is None:
             parser.error("name a campaign, or give --rig N")

@@ -20,10 +20,12 @@ from scipy.special import logsumexp
 from bayes_iwan.arrays import Array
 from bayes_iwan.sampling.blocks import Density, Moves, Places, generator
 from bayes_iwan.sampling.plan import SamplingError
-from bayes_iwan.sampling.proposals import Mixture, learnt_moves
+from bayes_iwan.sampling.proposals import COMPONENTS, Mixture, learnt_moves
 
 #: how many times as wide as the normal approximations the guess is: these miss the broad tails of curved posteriors
 _WIDE = 6.0
+#: the same over draws of a posterior that is like the one sought
+_WIDER = 2.0
 #: step, in standard deviations, over which coordinates walked in are taken to be linear in all
 _STEP = 0.1
 #: share of the walkers that each step of β leaves, as their weights count; steps at each β
@@ -56,6 +58,12 @@ def guess_about(density: Density, optima: Array, roots: Array) -> Mixture:
     return Mixture.of(np.full(len(centres), 1.0 / len(centres)), centres, np.linalg.cholesky(np.linalg.inv(precision)))
 
 
+def guess_from(density: Density, known: Array, random: np.random.RandomState) -> Mixture:
+    """q from draws `known` (n, ndim) of a posterior that is like the one sought."""
+    about = Mixture.fitted(density.apart(known), COMPONENTS, random)
+    return Mixture.of(about.weights, about.centres, _WIDER * about.roots)
+
+
 def annealed(
     density: Density, guess: Mixture, count: int, seed: tuple[int, ...], advance: Advance, late: Callable[[], bool]
 ) -> Iterator[tuple[float, Places]]:
@@ -83,8 +91,9 @@ def annealed(
 
 def _first(density: Density, guess: Mixture, count: int, random: np.random.RandomState) -> Places:
     """Draws of the guess; where one is impossible, nearer to an optimum."""
-    tried = np.repeat(guess.centres, count, axis=0)  # what is drawn there may be possible or not
-    possible = np.flatnonzero(np.isfinite(density(tried, random)[:, 0].reshape(-1, count)).any(axis=1))
+    each = max(1, count // len(guess.centres))  # what is drawn there may be possible or not
+    tried = np.isfinite(density(np.repeat(guess.centres, each, axis=0), random)[:, 0])
+    possible = np.flatnonzero(tried.reshape(-1, each).any(axis=1))
     if len(possible) == 0:
         raise SamplingError(
             f"none of the {len(guess.centres)} starts has a finite log-probability: there is nowhere to start from; "

@@ -37,7 +37,7 @@ _SHORTEST, _WHOLE_STEPS = 0.1, 0.1
 _MOVED = 1 / 3, 2 / 3, 1.0
 _SNOOKER = 1.7  # factor of the projected difference
 #: components of each block's mixture
-_COMPONENTS = 8
+COMPONENTS = 8
 #: of steps that are independent proposals of all coordinates, of one block, along differences, and snooker's
 _SHARES = 0.4, 0.2, 0.2, 0.2
 
@@ -176,7 +176,7 @@ def learnt_moves(
     for products in (False, True):
         straightening = Straightening.fitted(x, blocks, products)
         u = straightening.straight(x)
-        parts = [(p, Mixture.fitted(u[:, p], _COMPONENTS, random)) for p in blocks]
+        parts = [(p, Mixture.fitted(u[:, p], COMPONENTS, random)) for p in blocks]
         proposals: list[tuple[Proposal, float]] = [(Independent(parts), _SHARES[0])]
         proposals += [(Independent([part]), _SHARES[1] / len(parts)) for part in parts]
         proposals += [(Differences(u), _SHARES[2]), (Snooker(u), _SHARES[3])]

@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Rounds
-from bayes_iwan.sampling.annealing import annealed, guess_about
+from bayes_iwan.sampling.annealing import annealed, guess_about, guess_from
 from bayes_iwan.sampling.blocks import Density, Moves, Places, advanced, generator
 from bayes_iwan.sampling.chains import Chains, Stop
 from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, Snapshot, not_ours
@@ -81,6 +81,30 @@ def sample(
         a checkpoint that belongs to another run.
     """
     return EnsembleRun(density, np.asarray(starts, float), roots, plan, n_ensembles, n_walkers, executor).chains()
+
+
+def draws_of_one_like_it(density: Density, known: Array, seed: tuple[int, ...]) -> Array:
+    """z (POPULATION, ndim) of a posterior, from draws `known` (n, ndim) of one that is like it: walkers are led there
+    from about these. Nobody asks whether they have converged.
+
+    Raises SamplingError where none of the known draws is possible.
+    """
+
+    def advance(at: Places, moves: Moves, steps: int, between: Density, stage: int) -> Places:
+        out = _advanced(Rounds(None, (between, moves, steps)), at, (*seed, 33, stage))
+        return Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
+
+    with linear_algebra().limit(limits=1):
+        guess = guess_from(density, known, generator((*seed, 36)))
+        *_, (_, at) = annealed(density, guess, POPULATION, (*seed, 35), advance, lambda: False)
+    return density.whole(at.x, at.drawn)
+
+
+def _advanced(rounds: Rounds[Any], at: Places, seed: tuple[int, ...]) -> Places:
+    """Where walkers have been in a block of steps from where they are (steps, n, …)."""
+    pieces = [(at.some(slice(first, first + _TOGETHER)), (*seed, first)) for first in range(0, len(at.x), _TOGETHER)]
+    ends = list(rounds.results(pieces, advanced))
+    return Places(*(np.concatenate([getattr(e, f) for e, _ in ends], axis=1) for f in ("x", "drawn", "log_prob")))
 
 
 class EnsembleRun:
@@ -140,17 +164,9 @@ class EnsembleRun:
 
     def block(self) -> None:
         """Some steps of all walkers."""
-        out = self._advanced(self._rounds, self.at, (self.plan.seed, 34, self.blocks))
+        out = _advanced(self._rounds, self.at, (self.plan.seed, 34, self.blocks))
         self.at = Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
         self._keep(self.density.whole(out.x, out.drawn), out.log_prob)
-
-    def _advanced(self, rounds: Rounds[Any], at: Places, seed: tuple[int, ...]) -> Places:
-        """Where walkers have been in a block of steps from where they are (steps, n, …)."""
-        pieces = [
-            (at.some(slice(first, first + _TOGETHER)), (*seed, first)) for first in range(0, len(at.x), _TOGETHER)
-        ]
-        ends = list(rounds.results(pieces, advanced))
-        return Places(*(np.concatenate([getattr(e, f) for e, _ in ends], axis=1) for f in ("x", "drawn", "log_prob")))
 
     def _keep(self, z: Array, log_prob: Array) -> None:
         other = self.plan.evaluated(z)  # first: Ctrl-C may come here
@@ -163,7 +179,7 @@ class EnsembleRun:
         need = self.n_ensembles * self.walkers
 
         def advance(at: Places, moves: Moves, steps: int, density: Density, stage: int) -> Places:
-            out = self._advanced(Rounds(self._executor, (density, moves, steps)), at, (self.plan.seed, 33, stage))
+            out = _advanced(Rounds(self._executor, (density, moves, steps)), at, (self.plan.seed, 33, stage))
             return Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
 
         def late() -> bool:

@@ -12,11 +12,14 @@ from bayes_iwan.files import finite
         ("channel_delay", "grid"),
         ("friction_fade", "grid"),
         ("cell_hysteresis", "grid"),
+        ("viscous_damping", "grid"),
+        ("base_resonance", "grid"),
         (None, "single"),
     ],
 )
 def test_a_diagnosis_is_what_it_was(kit, reference, effect, plan):
-    """A named cause and held-out tests, ties, what changes along the record, a foreign cause, and none."""
+    """A named cause and held-out tests, ties, what changes along the record, a foreign cause, what the base can imitate
+    and the test that would tell, one of a set, and none."""
     found = kit.diagnosed(effect, plan)
     scores = {"+".join(sorted(names)): x for names, x in found.search.scores.items()}
     reference({"answer": finite(found.to_dict()), "scores": scores})

@@ -68,6 +68,35 @@ def learnt_after(monkeypatch):
     return found
 
 
+@pytest.mark.parametrize("away, width", [(0.0, 0.7), (2.0, 1.0), (0.0, 2.0)])
+def test_draws_of_one_like_it_lead_to_a_posterior(monkeypatch, away, width):
+    """From draws that are narrower, wider, or beside it."""
+    monkeypatch.setattr(run, "POPULATION", 512)
+    ndim, random = 4, np.random.default_rng(5)
+    scale = np.array([1.0, 0.1, 1.0, 3.0])
+
+    def tilted(x, _):
+        u = np.stack([x[:, 0], x[:, 1] - 0.2 * x[:, 0], x[:, 2], x[:, 3]], axis=1) / scale
+        return -0.5 * np.sum(u * u, axis=1)[:, None]
+
+    u = random.standard_normal((1000, ndim)) * scale
+    x = np.stack([u[:, 0], u[:, 1] + 0.2 * u[:, 0], u[:, 2], u[:, 3]], axis=1)
+    known = width * x + away * scale
+    density = of(tilted, [0, 1], [2, 3])
+    found = run.draws_of_one_like_it(density, known, (1,))
+    assert found.shape == (512, ndim)
+    np.testing.assert_allclose(found.mean(axis=0) / x.std(axis=0), 0.0, atol=0.2)
+    np.testing.assert_allclose(found.std(axis=0) / x.std(axis=0), 1.0, rtol=0.15)
+    np.testing.assert_array_equal(found, run.draws_of_one_like_it(density, known, (1,)))
+    assert not np.array_equal(found, run.draws_of_one_like_it(density, known, (2,)))
+
+
+def test_from_draws_none_of_which_is_possible_nothing_is_led():
+    nowhere = of(lambda x, _: np.full((len(x), 1), -np.inf), [0])
+    with pytest.raises(SamplingError, match="nowhere to start from"):
+        run.draws_of_one_like_it(nowhere, np.random.default_rng(0).standard_normal((50, 1)), (1,))
+
+
 def test_a_run_ends_by_itself_with_the_right_moments():
     axis = np.linspace(-3.0, 3.0, 1201)
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)

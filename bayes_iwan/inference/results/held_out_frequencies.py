@@ -1,9 +1,9 @@
 """Do the bands hold tests of a frequency that was not fitted? Each frequency held out in turn, and predicted.
 
-The posterior of the other frequencies, by the first draws of a short run about their optimum, predicts the tests of the
-one held out, with noise, and with the discrepancy as the likelihood carries it over from the others. What a long run
-says of the same is in analyses/predict_untested.py. It is the one check of the bands that does not use the tests which
-it checks.
+The posterior of the other frequencies, by walkers that are led there from draws of the whole's, predicts the tests of
+the one held out, with noise, and with the discrepancy as the likelihood carries it over from the others. What a long
+run says of the same is in analyses/predict_untested.py. It is the one check of the bands that does not use the tests
+which it checks.
 """
 
 from collections.abc import Sequence
@@ -15,17 +15,16 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.inference.results.predictions import resolved
+from bayes_iwan.inference.setup.marginal import Marginal
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
-from bayes_iwan.inference.solving.point import most_probable
-from bayes_iwan.inference.solving.posterior_draws import first_draws
 from bayes_iwan.models.motion import motion_of
+from bayes_iwan.sampling.run import draws_of_one_like_it
 from bayes_iwan.screen import on_screen
 
 #: share of a held-out frequency's points that 90 % bands must hold, or it is said that they do not hold there
 HELD = 0.75
-_DRAWS = 400
-_STARTS = 3  # of the whole's optima that the others' fit starts from
+_KNOWN = 2000  # draws of the whole's posterior that are looked at, at most
 
 
 @dataclass(frozen=True)
@@ -55,24 +54,25 @@ def by_frequency(loops: Sequence[Loop]) -> dict[str, tuple[Loop, ...]]:
     return {f"f{low:.4g}Hz": tuple(fitted[i] for i in sorted(part)) for low, part in sorted(lowest.items())}
 
 
-def held_out_frequencies(problem: Problem, optima: Array, seed: int = 0) -> tuple[HeldOutFrequency, ...]:
+def held_out_frequencies(problem: Problem, draws: Array, seed: int = 0) -> tuple[HeldOutFrequency, ...]:
     """Each frequency of a problem's tests, lowest first, predicted from all others; none where there is one only.
 
-    optima : maxima of the whole's posterior (k, ndim), best first.
+    draws : of the whole's posterior (n, ndim).
     """
     groups = by_frequency(problem.loops)
     if len(groups) < 2:
         return ()
-    return tuple(_held_out(problem, optima, loops, seed) for loops in groups.values())
+    known = draws[np.linspace(0, len(draws) - 1, min(len(draws), _KNOWN)).astype(int)]
+    return tuple(_held_out(problem, known, loops, seed) for loops in groups.values())
 
 
-def _held_out(problem: Problem, optima: Array, left: Sequence[Loop], seed: int) -> HeldOutFrequency:
+def _held_out(problem: Problem, known: Array, left: Sequence[Loop], seed: int) -> HeldOutFrequency:
     files = {x.file for x in left}
     others = [t for t, x in enumerate(problem.loops) if x.file not in files]
     part = replace(
         problem, loops=tuple(problem.loops[t] for t in others), likelihood=problem.likelihood.of_tests(others)
     )
-    z = first_draws(part, most_probable(part, optima[:_STARTS])[0][:1], _DRAWS, seed)
+    z = draws_of_one_like_it(Marginal(part).density, known, (seed, 36))
     force, measured = predicted(part, z, left, seed)
     u = np.stack([x.displacement_mm for x in left])
     found, again = loop_quantities(u, measured), loop_quantities(u, force)

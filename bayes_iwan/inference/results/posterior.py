@@ -221,7 +221,7 @@ class Posterior:
     @cached_property
     def held_out(self) -> tuple[HeldOutFrequency, ...]:
         """Each frequency of the fitted tests predicted from all others, and what the bands hold; none for one only."""
-        return Listed(held_out_frequencies(self.problem, self.point.optima))
+        return Listed(held_out_frequencies(self.problem, self.flat_z()))
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """The central interval (low, high) of a quantity named as in :meth:`summary`, in its unit: quantiles of its

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +39,6 @@ class Run:
     resume: bool = False
     progress: bool = False
     executor: Executor | None = None
-
-
-def first_draws(problem: Problem, optima: Array, count: int, seed: int) -> Array:
-    """z (count, ndim) of a short run without a checkpoint, which is not asked whether it has converged."""
-    s, run = replace(SamplingSettings(), **QUICK), Run(seed)
-    return sampled(problem, optima, s, run).flat(count)
 
 
 def sampled(problem: Problem, optima: Array, s: SamplingSettings, run: Run) -> Chains:
