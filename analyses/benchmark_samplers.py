@@ -8,9 +8,10 @@ own batch density, each in a process of its own for so many *processor* seconds:
 little. Ensembles and chains start at quick draws of the posterior (finding them is charged to nobody);
 nested samplers and pocoMC start from the prior, as they must. Burn-in and adaptation are charged: what counts is what
 the whole time bought. MCMC: bulk and tail ESS of the worst sampled number from four independent ensembles or chains,
-the first half of the draws omitted (ours says itself when adaptation ended), and their R-hat; where that is above
-1.05 the ESS means nothing. Nested and sequential samplers: Kish's ESS of the weights if the run ended in time. The
-package stops by its own rule when that is sooner.
+the first half of the draws omitted (ours says itself when adaptation ended), their R-hat, and how many autocorrelation
+times they are. Where R-hat is above 1.05, or they are fewer than 10, the ESS means nothing: walkers that stand still
+where they started, at draws of the posterior, are as many "effective" draws as there are walkers. Nested and sequential
+samplers: Kish's ESS of the weights if the run ended in time. The package stops by its own rule when that is sooner.
 
 NUTS needs a gradient, which the forward model does not have. It gets forward differences, ndim + 1 evaluations in one
 batch; leapfrog steps by whatever field are reversible and keep volume, and the density itself decides what is accepted,
@@ -41,7 +42,7 @@ from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.solving.point import Point, find_point, near_optima
 from bayes_iwan.inference.solving.posterior_draws import QUICK, Run, sampled
-from bayes_iwan.sampling.convergence import convergence_of
+from bayes_iwan.sampling.convergence import Convergence, convergence_of
 
 ENSEMBLES, WALKERS = 4, 40
 LEAST_STORED = 20
@@ -89,8 +90,12 @@ def quality(draws: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
     kept = draws[:, draws.shape[1] // 2 :]
     if kept.shape[1] < LEAST_STORED:
         return {"note": f"only {draws.shape[1]} stored steps"}
-    d = convergence_of(kept, names)
-    return {"ess": float(d.least_ess), "r_hat": float(d.worst_r_hat)}
+    return told(convergence_of(kept, names))
+
+
+def told(d: Convergence) -> dict[str, Any]:
+    """What the table has of draws that are chains."""
+    return {"ess": float(d.least_ess), "r_hat": float(d.worst_r_hat), "taus": float(d.n_steps / d.worst_tau)}
 
 
 def package(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
@@ -100,9 +105,9 @@ def package(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: 
     chains = sampled(density.problem, optima, settings, Run(seed))
     if chains.convergence is None:
         return {"note": chains.message}
-    density.best = float(chains.log_prob.max())
-    kept = {"ess": float(chains.convergence.least_ess), "r_hat": float(chains.convergence.worst_r_hat)}
-    return kept | {"log_prob": float(np.median(chains.log_prob)), "note": chains.message}
+    level = density.at(chains.flat(2000))  # what it walked in has some coordinates integrated out
+    density.evaluations = 0  # it counts none
+    return told(chains.convergence) | {"log_prob": float(np.median(level)), "note": chains.message}
 
 
 def emcee_side(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
@@ -248,8 +253,7 @@ def nutpie_nuts(density: Density, starts: np.ndarray, names: tuple[str, ...], se
     if kept < LEAST_STORED:
         return {"note": f"{kept} draws after adaptation"}
     d = convergence_of(draws[:, :kept, None], names)
-    level = float(np.median(density.at(draws[:, kept - 1])))
-    return {"ess": float(d.least_ess), "r_hat": float(d.worst_r_hat), "log_prob": level}
+    return told(d) | {"log_prob": float(np.median(density.at(draws[:, kept - 1])))}
 
 
 def nautilus_nested(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
@@ -330,7 +334,8 @@ def main() -> None:
     print(f"most probable point: ln posterior {point.log_prob:.1f}, from which those below count")
     print(f"{len(starts)} starts; {os.cpu_count()} cores")
     print(
-        "| sampler | evaluations | R-hat | least ESS | ESS per processor second | remarks |\n|---|---|---|---|---|---|"
+        "| sampler | evaluations | R-hat | autocorrelation times | least ESS | ESS per processor second | remarks |\n"
+        "|---|---|---|---|---|---|---|"
     )
     results: dict[str, dict[str, Any]] = {}
     context = multiprocessing.get_context("spawn")
@@ -344,20 +349,16 @@ def main() -> None:
         r = here.recv() if here.poll() else {"note": f"gave nothing back in {time.monotonic() - waited:.0f} s"}
         process.kill()
         results[name] = r
-        sound = "ess" in r and r.get("r_hat", 1.0) < 1.05
+        sound = "ess" in r and r.get("r_hat", 1.0) < 1.05 and r.get("taus", np.inf) >= 10.0
         rate = f"{r['ess'] / r['seconds']:.3g}" if sound else "–"
         version = "" if "not installed" in r.get("note", "") else importlib.metadata.version(SAMPLERS[name][1])
         level = f"ln posterior {r['log_prob'] - point.log_prob:+.0f} in the median" if "log_prob" in r else ""
         if np.isfinite(r.get("best", np.nan)):
             level += f"{', ' if level else 'ln posterior '}{r['best'] - point.log_prob:+.1f} at best"
         remarks = "; ".join(x for x in (r.get("note", ""), level) if x)
-        print(
-            f"| {name} {version} | {r.get('evaluations', 0):,} | {r['r_hat']:.3f} |"
-            if "r_hat" in r
-            else f"| {name} {version} | {r.get('evaluations', 0):,} | – |",
-            f"{r['ess']:.0f} | {rate} | {remarks} |" if "ess" in r else f"– | – | {remarks} |",
-            flush=True,
-        )
+        shown = [f"{r['evaluations']:,}" if r.get("evaluations") else "–"]
+        shown += [f"{r[n]:{how}}" if n in r else "–" for n, how in (("r_hat", ".3f"), ("taus", ".0f"), ("ess", ".0f"))]
+        print(f"| {name} {version} |", " | ".join([*shown, rate, remarks]), "|", flush=True)
     args.out.parent.mkdir(parents=True, exist_ok=True)
     args.out.write_text(json.dumps({"seconds": args.seconds, "point": point.log_prob, "samplers": results}, indent=1))
 

@@ -82,7 +82,7 @@ def main() -> None:
             return steady_loops(problem, values, motion_of(held)) + zero, zero
 
         every, _ = ours(posterior.flat_z(2000))
-        same, zero = ours(source_of(posterior, args.draws).z)
+        same, zero = ours(source_of(posterior, args.draws, None, None).z)
         theirs = exported_loops(folder, held, args.draws) + zero
         difference = np.sqrt(np.mean((theirs - same) ** 2, axis=2) / np.mean(same**2, axis=2)).max()
         cells = [f"{inside(x, measured):.1f}" for x in (every, same[1:], theirs[1:])]

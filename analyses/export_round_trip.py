@@ -70,7 +70,7 @@ def json_difference(posterior: bi.Posterior, folder: Path, draws: int) -> float:
     """Largest difference of forces from the file that is read back, over the RMS force."""
     model = bi.load(posterior.export("json", folder, draws=draws))
     motion = posterior.problem.motion
-    source = export_run.source_of(posterior, draws)
+    source = export_run.source_of(posterior, draws, None, None)
     ours = steady_loops(posterior.problem, posterior.problem.parameter_values(source.z), motion)
     return float(np.abs(model.force(motion) - ours).max() / np.sqrt(np.mean(ours**2)))
 
@@ -124,7 +124,7 @@ Worst = dict[tuple[str, str, int], tuple[float, float]]
 def round_trip(posterior: bi.Posterior, draws: int, work: Path, worst: Worst) -> set[str]:
     """Follow every motion in every row, keep the largest differences in `worst`; returns what could not be run."""
     problem = posterior.problem
-    values = problem.parameter_values(export_run.source_of(posterior, draws).z)
+    values = problem.parameter_values(export_run.source_of(posterior, draws, None, None).z)
     missing = set()
     references: dict[tuple[str, int, bool], rt.Reference] = {}
     for name, row in rows(constant(posterior)).items():

@@ -32,12 +32,12 @@ from matplotlib.figure import Figure
 import bayes_iwan
 import stand_in
 from bayes_iwan import cli
-from bayes_iwan import report as report_folder
 from bayes_iwan.campaign import Record, read_campaign, write_campaign
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.models import Model, Reference, sine_motion
 from bayes_iwan.report.diagnosis import diagnosis_files as diagnosis_folder
+from bayes_iwan.report.identification import identification_page
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import subplots
 from bayes_iwan.sampling import run as sampling_run
@@ -136,7 +136,7 @@ def small_page(*rest: object) -> Path:
 def lighten() -> None:
     """Few walkers, pages of one figure, a diagnosis that is told: in this process and its children alone."""
     sampling_run.POPULATION = 64
-    report_folder.identification_report = small_page
+    identification_page.identification_report = small_page
     fit = SimpleNamespace(problem=SimpleNamespace(prior=SimpleNamespace(free=())))
     diagnosis_folder.diagnose_campaign = lambda campaign, **options: SimpleNamespace(
         campaign=read_campaign(campaign), seed=0, fit=fit

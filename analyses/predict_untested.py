@@ -110,7 +110,7 @@ def on_the_rig(count, seed, what, quick):
         print(HEADER)
     every = []
     for index in range(count):
-        loops = simulated(seed, index)["loops"]
+        loops = simulated("rig", seed, index, 2000)["loops"]
         if quick:
             left = of_quick_runs(loops, index)
             print(f"{index}: {held_out_said(left) or 'one frequency only'}", flush=True)

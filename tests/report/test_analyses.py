@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
+from contextlib import suppress
+from functools import reduce
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -67,9 +72,32 @@ SCRIPTS = sorted(p.stem for p in (Path(__file__).parents[2] / "analyses").glob("
 
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_every_script_finds_what_it_takes_from_the_package_and_says_how_it_is_run(name):
-    folder = Path(__file__).parents[2] / "analyses"
-    runs = "__main__" in (folder / f"{name}.py").read_text(encoding="utf-8")
-    assert runs == (f"analyses/{name}.py" in import_module(name).__doc__)
+    script = import_module(name)
+    text = Path(script.__file__).read_text(encoding="utf-8")
+    assert ("__main__" in text) == (f"analyses/{name}.py" in script.__doc__)
+    assert not [*wrong_calls(script, text)]
+
+
+def wrong_calls(script, text):
+    """Calls of what a script has by name, whose arguments that does not take: what a type checker would find in files
+    that have no types."""
+    for call in (x for x in ast.walk(ast.parse(text)) if isinstance(x, ast.Call)):
+        named, (first, *rest) = [k.arg for k in call.keywords], ast.unparse(call.func).split(".")
+        with suppress(
+            KeyError, AttributeError, ValueError, TypeError
+        ):  # no function of its own, or none with a signature
+            signature = inspect.signature(reduce(getattr, rest, vars(script)[first]))
+            if None in named or any(isinstance(x, ast.Starred) for x in call.args):
+                continue
+            try:
+                signature.bind(*call.args, **dict.fromkeys(named))
+            except TypeError as error:
+                yield f"line {call.lineno}: {ast.unparse(call)}: {error}"
+
+
+def test_a_call_with_a_missing_argument_is_found():
+    text = "exists('a')\nexists()\nlater(1)\nexists(*some)"
+    assert [x[:16] for x in wrong_calls(SimpleNamespace(exists=lambda path: path), text)] == ["line 2: exists()"]
 
 
 @pytest.mark.usefixtures("few_quick_walkers")
