@@ -29,7 +29,7 @@ from bayes_iwan.models import embedded_error
 nb.set_num_threads(1)
 draws, repeats, reference = 32, int(sys.argv[2]), Reference(1.0, 2e-3 * np.pi * 20.0)
 motion = sine_motion(frequency_hz=np.tile([10.0, 15.0, 20.0], 3), amplitude_mm=np.repeat([0.3, 0.6, 1.0], 3))
-per, rng, out, zero = 1e9 / (draws * 9 * 128), np.random.default_rng(1), np.empty((draws, 9, 128)), np.zeros(draws)
+per, rng, out, zero = 1e9 / (draws * 9 * 128), np.random.default_rng(1), np.empty((draws, 1, 9, 128)), np.zeros(draws)
 various = {"normal_force_slope": 0.3 * rng.standard_normal(draws), "normal_force_rate": 0.3 *
 rng.standard_normal(draws),
            "beta": rng.uniform(0.05, 1.5, draws)}
@@ -41,7 +41,8 @@ for case, more, model in (("Table 1", {}, Model(reference)), ("various", various
     model.force(values, motion)
     alpha = model.alpha(values, motion)
     k = model.stiffness_law.k(values, alpha)
-    tables, top = model.slip_family.table(values)
+    table, top = model.slip_family.table(values)
+    tables = np.ascontiguousarray(table)[:, None]
     calls = {
         "whole": lambda: model.force(values, motion),
         "alpha": lambda: model.alpha(values, motion),

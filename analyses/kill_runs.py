@@ -139,8 +139,9 @@ def lighten() -> None:
     identification_page.identification_report = small_page
     fit = SimpleNamespace(problem=SimpleNamespace(prior=SimpleNamespace(free=())))
     diagnosis_folder.diagnose_campaign = lambda campaign, **options: SimpleNamespace(
-        campaign=read_campaign(campaign), seed=0, fit=fit
-    )
+        campaign=read_campaign(campaign), seed=0, fit=fit, verdict=SimpleNamespace(causes=()),
+        sentences=lambda: as_found()["sentences"],
+    )  # fmt: skip
     diagnosis_folder.write_answer = write_told
     diagnosis_folder.figures_of_diagnosis = lambda found: dict.fromkeys(("gap", "where", "shares"), small_figure)
     diagnosis_folder.write_diagnosis_page = lambda found, figures, path, *about: small_page(path)

@@ -59,8 +59,12 @@ class DeviatingSlipForce:
         return self.base.units
 
     def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
-        tables, top = self.table_and_slopes(parameter_values)
-        return np.ascontiguousarray(tables[:, 0]), top
+        table, top = self.base.table(parameter_values)
+        c = np.stack([parameter_values[name] for name in SLIP_NAMES], axis=1)
+        if np.any(c != 0.0):
+            table = series.with_deviations(table, top, *np.split(c, [SLIP_TERMS], axis=1))
+            table /= elements(parameter_values)[:, None, None]
+        return table, top
 
     def table_and_slopes(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
         """The table and what it changes by for each c_k where the family's elements stay, (draws, 1 + deviations,
