@@ -1,6 +1,6 @@
 """Answer the sealed cases: diagnose every campaign of a withheld folder and ship campaigns, commitments and answers.
 
-    python analyses/answer_sealed.py ../shared/data/withheld data/withheld --workers 2
+    python analyses/answer_sealed.py ../shared/data/withheld_2 data/withheld_2 --workers 2
 
 Quick diagnoses, seed 0. The truths are not here; nothing in the code knows a case. Resumable (work in
 runs/sealed/SOURCE's name).
