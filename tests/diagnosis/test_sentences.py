@@ -338,3 +338,14 @@ def test_what_is_predicted_worse_with_a_cause_is_said_without_a_negative_share(k
     worse = replace(first, held_out=replace(first.held_out, value=-0.4))
     text = " ".join(sentences(turned(found, Kind.EXPLAINED, [worse], {first.name: 0.95})))
     assert "but nothing on held-out tests, where its numbers do not hold" in text and percent(-0.4) not in text
+
+
+@pytest.mark.parametrize("mean, side", [(-3.0, " on the side of negative displacement"), (3.0, "")])
+def test_a_stop_has_a_stiffness_above_zero_on_its_side(kit, mean, side):
+    found = kit.diagnosed("viscous_damping", "held out")
+    c = found.verdict.causes[0]
+    (number, *_) = found.parameters[c.name].values()
+    stop = {"stiffness_N_mm": replace(number, mean=mean, sd=0.1, unit="N/mm")}
+    asked = replace(found, parameters=dict(found.parameters) | {"end_stop": stop})
+    text = " ".join(sentences(turned(asked, Kind.EXPLAINED, (replace(c, name="end_stop"),), {"end_stop": 0.9})))
+    assert re.search(rf"End stop[^.]* 3[.0]* ± 0\.1 N/mm[^(]*{side} \(probability", text), text
