@@ -18,6 +18,7 @@ from known_signals import back, back_or_said, form, same, signals
 
 from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
+from bayes_iwan.campaign.importing.defects import few_a_cycle
 from bayes_iwan.cli import parser
 from bayes_iwan.cli.campaigns import _recipe
 
@@ -434,6 +435,31 @@ def test_an_integer_that_overflowed_is_refused(signal, share):
         back(write((f + limit) % (2 * limit) - limit))
     friction = np.sign(np.gradient(x)) + 0.1 * x / np.abs(x).max()
     assert not any("overflowed" in w for w in back(write(limit * friction)).warnings)
+
+
+@pytest.mark.parametrize("per_sample", [0.38, 0.45, 0.55, 0.7, 1.45])
+def test_a_few_samples_a_cycle_are_said_to_be_that(tmp_path, per_sample):
+    """Neither an integer that overflowed, nor a slow motion with spikes."""
+    n = np.arange(600)
+    u = np.sin(2.0 * np.pi * per_sample * n + 0.3)
+    force = 4.0 * u + np.tanh(30.0 * np.cos(2.0 * np.pi * per_sample * n + 0.3))
+    rows = "".join(f"{k / 100:.2f};{a:.6f};{b:.6f}\n" for k, a, b in zip(n, u, force))
+    (tmp_path / "a.csv").write_text(f"Time [s];Weg [mm];Kraft [N]\n{rows}")
+    with pytest.raises(CampaignError, match=r"'Weg' jumps over half of its range at \d\d % .* a few samples a cycle"):
+        import_tests([tmp_path / "a.csv"], Recipe())
+
+
+def test_a_drive_that_jumps_twice_a_cycle_is_sampled_often_enough():
+    square = np.tile(np.repeat([1.0, -1.0], 4), 40) + 0.01 * np.random.default_rng(0).standard_normal(320)
+    assert few_a_cycle(square, "u") == "" and few_a_cycle(square[::2], "u") != ""
+
+
+def test_a_time_that_repeats_tells_the_rate_of_its_first_and_last_row(tmp_path):
+    k = np.arange(4000)
+    rows = "".join(f"{x / 853:.2f};{np.sin(x / 20):.6f};{np.cos(x / 20):.6f}\n" for x in k)
+    (tmp_path / "a.csv").write_text(f"Time [s];Weg [mm];Kraft [N]\n{rows}")
+    with pytest.raises(CampaignError, match=r"rounded too far\. Its first and last row make 85[23]\.?\d* Hz"):
+        import_tests([tmp_path / "a.csv"], Recipe())
 
 
 @pytest.mark.parametrize("unit", ["kg", "kgf"])

@@ -3,6 +3,7 @@
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE
 
 OVER = 9e36  # SCPI writes 9.9E37 and 9.91E37 where the range is passed or there is no number
 FAR = 20.0  # times the range of all other values: a code, no measurement
@@ -41,11 +42,12 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
 
 def wrapped_round(values: Array, name: str) -> str:
     """A word where a channel (n,) jumps from one end of its range to the other and goes on the way that it went before
-    the jump: an integer that overflowed. Friction that reverses goes on the way that it jumped."""
+    the jump: an integer that overflowed. Friction that reverses goes on the way that it jumped; with a few samples a
+    cycle the next step is a jump, too."""
     step = np.diff(values)
     jump, before, after = np.sign(step[1:-1]), np.sign(step[:-2]), np.sign(step[2:])
-    far = np.abs(step[1:-1]) > 0.5 * (np.nanmax(values) - np.nanmin(values))
-    wraps = far & (before == -jump) & (after == -jump)
+    far = np.abs(step) > 0.5 * (np.nanmax(values) - np.nanmin(values))
+    wraps = far[1:-1] & ~far[:-2] & ~far[2:] & (before == -jump) & (after == -jump)
     n = int(np.count_nonzero(wraps))
     if n < FEWEST_WRAPS or n < MOST_WRAP * np.count_nonzero(far):
         return ""
@@ -55,6 +57,19 @@ def wrapped_round(values: Array, name: str) -> str:
         "motion that was measured"
         if one_way
         else "an integer that overflowed. Export it with more bits or as decimals"
+    )
+
+
+def few_a_cycle(values: Array, name: str) -> str:
+    """A word where a motion (n,) jumps over half of its range more often than a drive of jumps, twice a cycle, could
+    with as many samples a cycle as a loop needs."""
+    jumps = np.count_nonzero(np.abs(np.diff(values)) > 0.5 * (np.nanmax(values) - np.nanmin(values)))
+    if jumps <= 2.0 / FEWEST_PER_CYCLE * values.size:
+        return ""
+    return (
+        f"{name!r} jumps over half of its range at {100 * jumps / values.size:.0f} % of its samples: a few samples a "
+        f"cycle, perhaps of a motion that is faster than it looks (aliased); at least {FEWEST_PER_CYCLE:g} a cycle are "
+        "needed. Sample faster"
     )
 
 

@@ -15,7 +15,7 @@ from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ, cycles_as_time
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import NO_TIME, Assigned, assign, matching, unit_asked
 from bayes_iwan.campaign.importing.clocks import Series, paired, runs
-from bayes_iwan.campaign.importing.defects import without_codes, without_repeats, wrapped_round
+from bayes_iwan.campaign.importing.defects import few_a_cycle, without_codes, without_repeats, wrapped_round
 from bayes_iwan.campaign.importing.formats.stamps import unwrapped
 from bayes_iwan.campaign.importing.joining import joined
 from bayes_iwan.campaign.importing.names import named
@@ -48,6 +48,7 @@ _RATE = Question(
 )  # fmt: skip
 _SEVERAL = "The file states {} samples a second: which is right?"
 _UNKNOWN = "The time {!r} goes up by {:.4g} a row and states no unit that is known: is it s, ms, us, min or day?"
+_SECONDS = ("", "s", "sec", "Sec", "SEC")
 STEPS_S = 1e-6, 0.1  # of a time without a unit: what is shorter may be in days, what is longer in ms
 _ROWS = (
     "The time {!r} goes up by one a row: is that a clock of 1 Hz (1; 1000 if it counts ms), or a count of rows, which "
@@ -226,8 +227,11 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             return [no_rate]
         steps, unit = np.diff(time.values), recipe.units.get("time", time.unit)
         if (steps >= 0).all() and np.count_nonzero(steps == 0) > FEW_REPEATED * steps.size:
-            return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
-        if (steps == 1.0).all() and unit in ("", "s", "sec", "Sec", "SEC"):
+            text = f"The time {time.name!r} repeats: it is rounded too far."
+            if unit in _SECONDS:
+                text += f" Its first and last row make {steps.size / (time.values[-1] - time.values[0]):.4g} Hz."
+            return [replace(_RATE, text=text)]
+        if (steps == 1.0).all() and unit in _SECONDS:
             return [Question("--sample-rate", "", "none", _ROWS.format(time.name))]
         step = float(np.median(steps))
         odd = 0 < step < STEPS_S[0] or step >= STEPS_S[1] or re.search(r"[\[({<][^\])}>]*[^\W\d]|\d \w+$", time.name)
@@ -250,8 +254,9 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     ):
         raw, found_codes = without_codes(channel.values, channel.name)
         codes += found_codes
-        if wrapped := wrapped_round(raw, channel.name):
-            raise CampaignError(f"{where}: {wrapped}")
+        wrong = wrapped_round(raw, channel.name) or (few_a_cycle(raw, channel.name) if channel is found.motion else "")
+        if wrong:
+            raise CampaignError(f"{where}: {wrong}")
         raw, held = without_repeats(raw, channel.name)
         values, unit, line = scaled(replace(channel, values=raw), role, recipe, where)
         warnings += (*found_codes, *held)
