@@ -68,7 +68,7 @@ def few_a_cycle(values: Array, name: str) -> str:
         return ""
     return (
         f"{name!r} jumps over half of its range at {100 * jumps / values.size:.0f} % of its samples: a few samples a "
-        f"cycle, perhaps of a motion that is faster than it looks (aliased); at least {FEWEST_PER_CYCLE:g} a cycle are "
+        f"cycle, perhaps of a faster motion (aliased); at least {FEWEST_PER_CYCLE:g} a cycle are "
         "needed. Sample faster"
     )
 
