@@ -152,17 +152,9 @@ def _integrated(beyond: Array, top: float, width: Array, out: Array) -> None:
 
 
 @_jit
-def _take_off_mean(out: Array, first: Array) -> None:
-    """Take so much of the first table (cells, 4) off another that the mean stays."""
-    share = out[-1].sum() / first[-1].sum()
-    for j in range(len(out)):
-        for i in range(4):
-            out[j, i] -= share * first[j, i]
-
-
-@_jit
 def _basis_tables(tables: Array, top: Array, width: Array, out: Array, order: int) -> None:
-    """Tables of the density times b_k, k = 1 … order, into out (draws, 1 + terms, cells, 4) from its second on."""
+    """Tables of the density times b_k, k = 1 … order, into out (draws, 1 + terms, cells, 4) from its second on: of each
+    π_{k+1} so much of the first's is taken off that the mean stays."""
     apart_and_wide()
     draws, cells = tables.shape[:2]
     places, first = 2 * cells + 1, np.empty((cells, 4))
@@ -174,7 +166,10 @@ def _basis_tables(tables: Array, top: Array, width: Array, out: Array, order: in
             _next_order(k, x, former, own, beyond)
             _integrated(beyond, top[d], width, first if k == 1 else out[d, k - 1])
         for k in range(1, order + 1):
-            _take_off_mean(out[d, k], first)
+            share = out[d, k, -1].sum() / first[-1].sum()
+            for j in range(cells):
+                for i in range(4):
+                    out[d, k, j, i] -= share * first[j, i]
 
 
 @_jit
@@ -194,13 +189,9 @@ def _add_deviation(tables: Array, top: Array, width: Array, coefficients: Array,
             if k == 1:
                 _integrated(beyond, top[d], width, first)
             else:
-                for i in range(len(x)):
-                    whole[i] += coefficients[d, k - 2] * beyond[i]
+                whole += coefficients[d, k - 2] * beyond
         _integrated(whole, top[d], width, change)
-        _take_off_mean(change, first)
-        for j in range(cells):
-            for i in range(4):
-                out[d, j, i] += change[j, i]
+        out[d] += change - change[-1].sum() / first[-1].sum() * first
 
 
 @cache

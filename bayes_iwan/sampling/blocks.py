@@ -76,6 +76,11 @@ class Places:
         """Some of the walkers."""
         return Places(self.x[part], self.drawn[part], self.log_prob[part])
 
+    @property
+    def last(self) -> "Places":
+        """Of several steps, the last."""
+        return Places(self.x[-1], self.drawn[-1], self.log_prob[-1])
+
 
 def advanced(shared: tuple[Density, Moves, int], piece: tuple[Places, tuple[int, ...]]) -> tuple[Places, float]:
     """A block of so many steps by emcee, and the share of them that was accepted; of a piece: walkers that advance

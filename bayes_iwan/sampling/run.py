@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Rounds
-from bayes_iwan.sampling.annealing import annealed, guess_about, guess_from
+from bayes_iwan.sampling.annealing import Advance, annealed, guess_about, guess_from
 from bayes_iwan.sampling.blocks import Density, Moves, Places, advanced, generator
 from bayes_iwan.sampling.chains import Chains, Stop
 from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, Snapshot, not_ours
@@ -89,15 +89,19 @@ def draws_of_one_like_it(density: Density, known: Array, seed: tuple[int, ...]) 
 
     Raises SamplingError where none of the known draws is possible.
     """
-
-    def advance(at: Places, moves: Moves, steps: int, between: Density, stage: int) -> Places:
-        out = _advanced(Rounds(None, (between, moves, steps)), at, (*seed, 33, stage))
-        return Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
-
     with linear_algebra().limit(limits=1):
         guess = guess_from(density, known, generator((*seed, 36)))
-        *_, (_, at) = annealed(density, guess, POPULATION, (*seed, 35), advance, lambda: False)
+        *_, (_, at) = annealed(density, guess, POPULATION, (*seed, 35), _leading(None, seed), lambda: False)
     return density.whole(at.x, at.drawn)
+
+
+def _leading(executor: Executor | None, seed: tuple[int, ...]) -> Advance:
+    """How walkers are moved on their way."""
+
+    def advance(at: Places, moves: Moves, steps: int, density: Density, stage: int) -> Places:
+        return _advanced(Rounds(executor, (density, moves, steps)), at, (*seed, 33, stage)).last
+
+    return advance
 
 
 def _advanced(rounds: Rounds[Any], at: Places, seed: tuple[int, ...]) -> Places:
@@ -165,7 +169,7 @@ class EnsembleRun:
     def block(self) -> None:
         """Some steps of all walkers."""
         out = _advanced(self._rounds, self.at, (self.plan.seed, 34, self.blocks))
-        self.at = Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
+        self.at = out.last
         self._keep(self.density.whole(out.x, out.drawn), out.log_prob)
 
     def _keep(self, z: Array, log_prob: Array) -> None:
@@ -178,16 +182,13 @@ class EnsembleRun:
         """Walkers are led to the posterior; some of them go on."""
         need = self.n_ensembles * self.walkers
 
-        def advance(at: Places, moves: Moves, steps: int, density: Density, stage: int) -> Places:
-            out = _advanced(Rounds(self._executor, (density, moves, steps)), at, (self.plan.seed, 33, stage))
-            return Places(out.x[-1], out.drawn[-1], out.log_prob[-1])
-
         def late() -> bool:
             self._hurried = self._hurried or self.late
             return self._hurried
 
         bar.set_description("walkers on their way")
-        way = annealed(self.density, self._guess, max(need, POPULATION), (self.plan.seed, 35, 0), advance, late)
+        advance, seed = _leading(self._executor, (self.plan.seed,)), (self.plan.seed, 35, 0)
+        way = annealed(self.density, self._guess, max(need, POPULATION), seed, advance, late)
         for beta, at in way:
             self.at = at
             bar.set_postfix_str(f"{beta:.0%} there")

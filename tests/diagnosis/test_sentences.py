@@ -348,4 +348,4 @@ def test_a_stop_has_a_stiffness_above_zero_on_its_side(kit, mean, side):
     stop = {"stiffness_N_mm": replace(number, mean=mean, sd=0.1, unit="N/mm")}
     asked = replace(found, parameters=dict(found.parameters) | {"end_stop": stop})
     text = " ".join(sentences(turned(asked, Kind.EXPLAINED, (replace(c, name="end_stop"),), {"end_stop": 0.9})))
-    assert re.search(rf"End stop[^.]* 3[.0]* ± 0\.1 N/mm[^(]*{side} \(probability", text), text
+    assert re.search(rf"End stop[^(]* 3[.0]* ± 0\.1 N/mm{side} \(probability", text), text

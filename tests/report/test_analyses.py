@@ -83,9 +83,8 @@ def wrong_calls(script, text):
     that have no types."""
     for call in (x for x in ast.walk(ast.parse(text)) if isinstance(x, ast.Call)):
         named, (first, *rest) = [k.arg for k in call.keywords], ast.unparse(call.func).split(".")
-        with suppress(
-            KeyError, AttributeError, ValueError, TypeError
-        ):  # no function of its own, or none with a signature
+        # no function of its own, or none with a signature
+        with suppress(KeyError, AttributeError, ValueError, TypeError):
             signature = inspect.signature(reduce(getattr, rest, vars(script)[first]))
             if None in named or any(isinstance(x, ast.Starred) for x in call.args):
                 continue
