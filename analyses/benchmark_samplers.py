@@ -16,7 +16,9 @@ samplers: Kish's ESS of the weights if the run ended in time. The package stops 
 NUTS needs a gradient, which the forward model does not have. It gets forward differences, ndim + 1 evaluations in one
 batch; leapfrog steps by whatever field are reversible and keep volume, and the density itself decides what is accepted,
 so the draws are as exact as with the gradient itself. They go along the starts' covariance, as PINTS's first steps do.
-A gradient by reverse differentiation would cost some three evaluations instead, so at most ndim/4 times as many draws.
+What reverse differentiation would buy is its second row: the same draws, with (ndim + 1)/4 times as many seconds, since
+a gradient would cost three evaluations beside the density's own (Griewank & Walther, Evaluating Derivatives, 2008,
+sec. 4.6: at most four for all). A second of the table then is so many of the machine.
 """
 
 from __future__ import annotations
@@ -46,6 +48,8 @@ from bayes_iwan.sampling.convergence import Convergence, convergence_of
 
 ENSEMBLES, WALKERS = 4, 40
 LEAST_STORED = 20
+#: evaluations that a density with its gradient by reverse differentiation costs
+REVERSE = 4.0
 STEP = 1e-7  # of forward differences, in standard deviations of the starts
 
 
@@ -298,13 +302,15 @@ SAMPLERS: dict[str, tuple[Callable[..., dict[str, Any]], str]] = {
     "zeus": (zeus_default, "zeus-mcmc"),
     "PINTS, Haario–Bardenet": (pints_haario_bardenet, "pints"),
     "NUTS, forward differences": (nutpie_nuts, "nutpie"),
+    "NUTS, a reverse gradient's seconds": (nutpie_nuts, "nutpie"),
     "nautilus": (nautilus_nested, "nautilus-sampler"),
     "pocoMC": (pocomc_flow, "pocomc"),
 }
 
 
 def one(name: str, problem: Problem, point: Point, starts: np.ndarray, seconds: float, seed: int, pipe) -> None:
-    density = Density(problem, point, seconds)
+    share = REVERSE / (problem.ndim + 1) if "reverse" in name else 1.0
+    density = Density(problem, point, seconds / share)
     began = time.process_time()
     try:
         with contextlib.redirect_stdout(sys.stderr):  # emcee prints its walkers when the time is up
@@ -313,7 +319,7 @@ def one(name: str, problem: Problem, point: Point, starts: np.ndarray, seconds: 
         result = {"note": f"not installed ({error})"}
     except Exception as error:  # another package's failure is a result of this comparison
         result = {"note": f"failed: {type(error).__name__}: {error}"}
-    used = {"seconds": time.process_time() - began, "evaluations": density.evaluations, "best": density.best}
+    used = {"seconds": share * (time.process_time() - began), "evaluations": density.evaluations, "best": density.best}
     pipe.send(result | used)
 
 

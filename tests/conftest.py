@@ -8,7 +8,7 @@ import pickle
 import re
 import sys
 from contextlib import suppress
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -313,6 +313,7 @@ PLANS = {
     "single": [(10.0, a, "fit") for a in (0.3, 0.5, 0.9)],
 }
 PLANS["held out"] = [*PLANS["grid"], (13.0, 0.6, "held-out")]
+PLANS["no clock"] = PLANS["grid"]
 
 
 @cache
@@ -334,6 +335,7 @@ def diagnosed(effect: str | None, plan: str = "grid"):
     from bayes_iwan.diagnosis.diagnosis import diagnose_loops
 
     campaign = campaign_of(rig_records(effect, plan))
+    campaign = replace(campaign, tests=tuple(replace(x, clock=plan != "no clock") for x in campaign.tests))
     return diagnose_loops(campaign, campaign.loops(**SMALL), seed=1, quick=True, settings=TWO_GAMMAS)
 
 

@@ -22,7 +22,7 @@ from bayes_iwan.inference.results.held_out_frequencies import by_frequency
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.remarks import at_a_bound
 from bayes_iwan.inference.results.run_files import ResultsError, load
-from bayes_iwan.inference.setup.likelihood import make_likelihood
+from bayes_iwan.inference.setup.likelihood import Likelihood
 from bayes_iwan.inference.setup.priors import Z_LIMIT
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import quantities
@@ -158,8 +158,7 @@ def agreement(
     z = joint.flat_z(replicates)
     at_best = problem.predict(best[None])[0]
     force = problem.predict(z)
-    likelihood = make_likelihood(problem.likelihood.name, problem.loops, problem.scales)
-    drawn = likelihood.replicate(force, problem.parameter_values(z), rng) - at_best
+    drawn = problem.likelihood.replicate(force, problem.parameter_values(z), rng) - at_best
     measured = (problem.measured_N - at_best)[None]
 
     names, units, gradient = _gradients(joint, best, physical)
@@ -168,11 +167,15 @@ def agreement(
     for loops in groups.values():
         part = _problem(joint, loops)
         tests = [files.index(x.file) for x in loops]
-        parameter_values = part.parameter_values(best[None])
+        parameter_values, likelihood = part.parameter_values(best[None]), problem.likelihood.of_tests(tests)
 
-        def rows(residual: Array, part: Problem = part, parameter_values: ParameterValues = parameter_values) -> Array:
+        def rows(
+            residual: Array,
+            likelihood: Likelihood = likelihood,
+            parameter_values: ParameterValues = parameter_values,
+        ) -> Array:
             repeated = {k: np.repeat(v, len(residual)) for k, v in parameter_values.items()}
-            return part.likelihood.rows(residual, repeated)
+            return likelihood.rows(residual, repeated)
 
         eye = np.zeros((len(physical), problem.ndim))
         eye[np.arange(len(physical)), physical] = 1e-3

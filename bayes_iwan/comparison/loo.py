@@ -11,7 +11,6 @@ from scipy.special import logsumexp
 from bayes_iwan.arrays import Array
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.screen import on_screen
 
@@ -105,8 +104,8 @@ def leave_tests_out(posterior: Posterior, *, seed: int = 0, steps: int = 60) -> 
 
 def without(problem: Problem, test: int) -> Problem:
     """The same problem (scales, priors) without one of its tests."""
-    loops = tuple(x for i, x in enumerate(problem.loops) if i != test)
-    return replace(problem, loops=loops, likelihood=make_likelihood(problem.likelihood.name, loops, problem.scales))
+    others = [i for i in range(len(problem.loops)) if i != test]
+    return replace(problem, loops=tuple(problem.loops[i] for i in others), likelihood=problem.likelihood.of_tests(others))
 
 
 def _chunked(function: Callable[[Array], Array], z: Array, size: int = 1000) -> Array:

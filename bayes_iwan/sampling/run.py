@@ -135,6 +135,7 @@ class EnsembleRun:
         self.other: list[Array] = []
         self.learnt = 0  # blocks after which the moves were learnt; draws since then count
         self.look = FIRST_CHECK  # counted steps at which to look whether the run has converged
+        self.seen = np.inf, 0.0  # autocorrelation time and least effective size when it was looked last
 
     @property
     def blocks(self) -> int:
@@ -226,7 +227,7 @@ class EnsembleRun:
                     again, late = self._again(), self.late
                     if self.steps >= 16 and (self.steps >= self.look or late or self.steps >= plan.max_steps):
                         result = self.convergence()
-                        short = plan.shortfall(result)
+                        short, self.seen = plan.shortfall(result), (result.worst_tau, result.least_ess)
                         more = max(_MORE[0], plan.target_ess / result.least_ess)  # where that is NaN, the least
                         self.look = int(min(more, _MORE[1]) * self.steps)
                         bar.set_postfix_str(
@@ -234,7 +235,7 @@ class EnsembleRun:
                         )
                         stop, said = plan.ended(short, self.steps, late)
                     if stop is None:
-                        if again and (self.steps == 0 or not self._near(result)):
+                        if again and (self.steps == 0 or not self._near):
                             self.learnt, self.look = self.blocks, FIRST_CHECK
                             self._learn()
                         self.block()
@@ -266,12 +267,12 @@ class EnsembleRun:
         """Are there so many more draws than the moves were learnt from?"""
         return self.blocks == max(1, self.learnt + 1, math.ceil(_AGAIN * self.learnt))
 
-    def _near(self, result: Convergence | None) -> bool:
+    @property
+    def _near(self) -> bool:
         """Would as many draws again be enough? An effective size from fewer autocorrelation times than are asked for
         knows nothing of slower changes yet."""
-        if result is None or self.steps < self.plan.chain_taus * result.worst_tau:
-            return False
-        return 2.0 * result.least_ess >= self.plan.target_ess
+        tau, ess = self.seen
+        return not self.steps < self.plan.chain_taus * tau and 2.0 * ess >= self.plan.target_ess
 
     def _opened(self, bar: tqdm) -> Checkpoint | None:
         """The checkpoint, where there is one, and the walkers where it leaves them, else at their starts."""
@@ -296,7 +297,8 @@ class EnsembleRun:
     def state(self) -> dict[str, NDArray[Any]]:
         """What the run goes on from."""
         own = {name: getattr(self.at, name) for name in ("x", "drawn", "log_prob")}
-        return own | {"led": self._led, "learnt": np.array(self.learnt), "look": np.array(self.look)}
+        rest = {"learnt": self.learnt, "look": self.look, "seen": self.seen}
+        return own | {"led": self._led} | {name: np.array(x) for name, x in rest.items()}
 
     def _restored(self, found: Snapshot, path: Path) -> None:
         """Be as an earlier run was."""
@@ -305,6 +307,7 @@ class EnsembleRun:
             self.at = Places(*(np.asarray(state[name], float).copy() for name in ("x", "drawn", "log_prob")))
             self._led = np.asarray(state["led"], float)
             self.learnt, self.look = int(state["learnt"]), int(state["look"])
+            self.seen = float(state["seen"][0]), float(state["seen"][1])
             n, d, z = len(self.at.x), len(self.density.walked), found.draws
             shapes = [self.at.x.shape, self.at.drawn.shape, self.at.log_prob.shape, z.shape[1:]]
             if shapes != [(n, d), (n, self.density.ndim - d), (n,), (n, self.density.ndim)]:

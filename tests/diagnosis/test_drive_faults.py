@@ -15,6 +15,7 @@ from bayes_iwan.diagnosis.assessment.budget import Kind
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
 from bayes_iwan.diagnosis.diagnosis import diagnose_campaign, diagnose_loops
+from bayes_iwan.files import finite
 from bayes_iwan.virtual_rig.simulate import Setup, with_noise
 from bayes_iwan.virtual_rig.specimen import paper_specimen
 
@@ -70,6 +71,10 @@ CORNERED = {"triangle": (dr.triangle, TESTS[1:]), "trapezoid": (dr.trapezoid, TE
 def cornered(kit, request, tmp_path_factory):
     wave, tests = CORNERED[request.param]
     return diagnosed(kit, tmp_path_factory.mktemp(request.param), records(wave, tests=tests))
+
+
+def test_what_a_drive_with_corners_leaves_is_what_it_was(cornered, reference):
+    reference(finite(cornered.to_dict()))
 
 
 def test_a_drive_with_corners_is_told_to_be_the_drive_s(cornered):

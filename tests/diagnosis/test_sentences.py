@@ -18,6 +18,7 @@ from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling
 from bayes_iwan.diagnosis.assessment.verdict import cycles_differ, verdict_of
 from bayes_iwan.diagnosis.constants import PROBABLE, SUREST
+from bayes_iwan.files import finite
 
 TIED = Imitation(
     "speed_dependent_normal_force",
@@ -103,6 +104,12 @@ KINDS = (
     "fading or softening", "named, tied", "partly", "tied groups only", "named and a group", "unknown", "drive",
     "single record", "no clock", "not converged",
 )  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_said_is_what_it_was(answers, reference, kind):
+    """The words, too, which say a part of the rest."""
+    reference({k: x for k, x in finite(to_dict(answers[kind])).items() if k in ("sentences", "verdict")})
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -114,6 +114,39 @@ def test_parts_sum_up_where_one_test_alone_resolves_a_harmonic(problem, known):
     np.testing.assert_allclose(p.pointwise(z).sum(axis=1), p.log_likelihood(z), rtol=1e-9)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_order_of_tests_does_not_matter(problem, known, kind):
+    """Tests of which one resolves few harmonics, the first or the last: so do tests of several frequencies at one rate."""
+    few = replace(problem.loops[0], noise_N=np.where(np.arange(51) > 4, np.inf, problem.loops[0].noise_N))
+    first, last = (few, *problem.loops[1:3]), (*problem.loops[1:3], few)
+    found = []
+    for loops in (first, last):
+        p = make_problem(loops, {"likelihood": {"kind": kind}}, scales=problem.scales)
+        z = known.true_z(p) + np.array([[0.0], [0.02]])
+        found.append(p.log_likelihood(z))
+        np.testing.assert_allclose(p.pointwise(z).sum(axis=1), found[-1], rtol=1e-9)
+    np.testing.assert_allclose(*found, rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["gaussian", "laplace"])
+def test_noise_means_the_same_of_some_tests_and_of_others(problem, known, kind):
+    """The density of one test is the whole's over that of the others; noise carried over to it is as large as its own."""
+    p = make_problem(problem.loops, {"likelihood": {"kind": kind}})
+    z = known.true_z(p)
+    values, residual = p.parameter_values(z), p.residual(z)
+    points = p.likelihood.pointwise(residual, values).reshape(len(p.loops), -1).sum(axis=1)
+    for t in range(len(p.loops)):
+        kept = [i for i in range(len(p.loops)) if i != t]
+        others = p.likelihood.of_tests(kept)
+        alone = p.log_likelihood(z) - others.log_likelihood(residual[:, kept], values)
+        np.testing.assert_allclose(alone, points[t], rtol=1e-9)
+        many = {n: np.repeat(x, 500) for n, x in values.items()}
+        none = np.zeros((500, *residual.shape[1:]))
+        carried = others.carried_over(none[:, kept], many, [p.loops[t]], np.random.default_rng(1))
+        own = p.likelihood.replicate(none, many, np.random.default_rng(2))[:, [t]]
+        assert np.std(carried) == pytest.approx(np.std(own), rel=0.03)
+
+
 def test_pointwise_densities_are_those_of_scipy(problem, known):
     """Laplace of scale b/v and Gaussian of variance σ²/v, v = w/A over its mean, each point weighing (2H + 1)/n."""
     r = problem.residual(known.true_z(problem))

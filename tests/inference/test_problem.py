@@ -66,6 +66,8 @@ def test_drawn_loops_keep_the_problem(problem, known):
     assert drawn.prior is problem.prior and drawn.scales is problem.scales
     np.testing.assert_allclose(drawn.residual(z), 0.0, atol=1e-12)
     np.testing.assert_allclose(drawn.likelihood.level, problem.likelihood.level)
+    smaller = problem.with_force(0.2 * problem.measured_N)
+    np.testing.assert_array_equal(smaller.likelihood.noise_N, problem.likelihood.noise_N)
     replica = problem.with_force(problem.measured_N)
     np.testing.assert_allclose(replica.log_prob(z), problem.log_prob(z), rtol=1e-12)
     assert drawn.fingerprint()["data"] != problem.fingerprint()["data"]

@@ -67,6 +67,16 @@ def test_turning_points_between_samples_are_those_of_the_cubic(degree):
         np.testing.assert_allclose(at, u(where + off), rtol=1e-9, atol=1e-12)
 
 
+def test_a_turning_point_halfway_between_two_equal_samples_is_seen():
+    samples = np.arange(12.0)
+    at, where, off = sliders.way((samples - 5.5) ** 2, 2.0 * (samples - 5.5), closed=False)
+    np.testing.assert_array_equal([(where + off)[off != 0.0], at[off != 0.0]], [[5.5], [0.0]])
+    phase = 2.0 * np.pi * (np.arange(16) + 0.5) / 16  # crests where the period begins, too
+    at, where, off = sliders.way(np.round(np.cos(phase), 12), -np.sin(phase) * np.pi / 8, closed=True)
+    np.testing.assert_array_equal((where + off)[off != 0.0], [7.5, 15.5])
+    np.testing.assert_allclose(at[off != 0.0], [-1.0, 1.0], atol=1e-3)
+
+
 def plain(truth):
     """The unit uniform distribution on (0, 2): mean 1, L(φ) = φ − φ²/4 exactly."""
     table, top = FAMILIES["uniform"].table(truth.columns(slip_mean_N=1.0, slip_width=1.0))

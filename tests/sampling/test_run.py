@@ -432,6 +432,26 @@ def test_resumed_at_any_block_a_run_learns_its_moves_anew_as_it_would_have(tmp_p
     np.testing.assert_array_equal(again.log_prob, whole.log_prob)
 
 
+@pytest.mark.parametrize("came", [25, 27])
+def test_resumed_where_as_many_draws_again_would_be_enough_a_run_keeps_its_moves(tmp_path, monkeypatch, came):
+    """What was seen at the last look decides that, whether the run was killed since or not."""
+    found, taken = learnt_after(monkeypatch), run.EnsembleRun.block
+    asked = {"n_walkers": 4, "target_r_hat": np.inf, "target_ess": 1200.0}
+    whole, file = sample(**asked), tmp_path / "chains.ckpt"
+    assert found[-1] == 18 and whole.n_steps > 225  # half as many again as in 18 blocks
+
+    def killed(self):
+        if self.blocks >= came:
+            raise OSError
+        taken(self)
+
+    with monkeypatch.context() as patch, pytest.raises(OSError):
+        patch.setattr(run.EnsembleRun, "block", killed)
+        sample(checkpoint=file, **asked)
+    again = sample(checkpoint=file, resume=True, **asked)
+    np.testing.assert_array_equal(again.draws, whole.draws)
+
+
 SCRIPT = textwrap.dedent("""
     import sys, pathlib
     sys.path.insert(0, {here!r})

@@ -73,8 +73,8 @@ class Correlated:
 
     loops: tuple[Loop, ...]
     weighted: Scales | None = None
-    #: friction level of each test, (tests,) in N, if it is not to be taken from the loops
-    friction_N: tuple[float, ...] | None = None
+    #: friction level and half the swing of each test's force, (tests,) in N, if not to be taken from the loops
+    levels_N: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     #: lengths of the correlation between tests in ln f and ln A, and the share each test has to itself
     between: tuple[float, float, float] = BETWEEN
     #: how the discrepancy's variance is spread over the harmonics
@@ -93,7 +93,14 @@ class Correlated:
     @cached_property
     def friction_level(self) -> Array:
         """(tests,) N"""
-        return friction_level_N(self.loops) if self.friction_N is None else np.array(self.friction_N)
+        return friction_level_N(self.loops) if self.levels_N is None else np.array(self.levels_N[0])
+
+    @cached_property
+    def swing(self) -> Array:
+        """(tests,) N: half of what the force swings by."""
+        if self.levels_N is not None:
+            return np.array(self.levels_N[1])
+        return np.array([0.5 * float(np.ptp(x.force_N)) for x in self.loops])
 
     @cached_property
     def level(self) -> Array:
@@ -118,8 +125,7 @@ class Correlated:
         """(tests, used): standard error of the harmonics' real parts, with floors; inf where there is no datum."""
         noise = np.stack([x.noise_N[: self.used] for x in self.loops])
         noise = np.where(np.isfinite(noise), np.hypot(noise, MODEL_FLOOR * self.friction_level[:, None]), np.inf)
-        swing = np.array([0.5 * float(np.ptp(x.force_N)) for x in self.loops])
-        noise[:, 0] = np.hypot(noise[:, 0], ZERO_FLOOR * swing)
+        noise[:, 0] = np.hypot(noise[:, 0], ZERO_FLOOR * self.swing)
         return noise
 
     @cached_property
@@ -220,7 +226,7 @@ class Correlated:
     def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         turn, values, there, log_noise = self.rotation
         degrees = np.where(np.arange(len(there)) == 0, 1.0, 2.0)[:, None]
-        constant = -0.5 * float(np.sum(degrees * (there * np.log(2.0 * np.pi) + 2.0 * there * log_noise)))
+        constant = -0.5 * float(np.sum(degrees * (there * np.log(2.0 * np.pi) + 2.0 * log_noise)))
         noise, spectrum = parameter_values["noise_scale"] ** 2, self._spectrum(parameter_values)
         out = np.empty(noise.shape)
 
@@ -260,7 +266,7 @@ class Correlated:
         left on these. Parameters and discrepancy make up for each other, so that both drawn apart would be far too wide
         in the first harmonic, which energy and stiffness follow from: there the discrepancy is carried over (simple
         kriging). In the others it is larger than where the model was fitted (:data:`ELSEWHERE`)."""
-        there = replace(self, loops=tuple(loops), friction_N=None)
+        there = replace(self, loops=tuple(loops), levels_N=None)
         unit = rng.standard_normal((2, len(residual_N), len(loops), there.used))
         smooth = there._smooth(unit, ELSEWHERE * there._spectrum(parameter_values))
         between = (*self.between[:2], FIRST_ALONE * self.between[2])
@@ -307,11 +313,12 @@ class Correlated:
         return other
 
     def of_loops(self, loops: tuple[Loop, ...]) -> Correlated:
-        return replace(self, loops=loops, friction_N=tuple(self.friction_level))
+        return replace(self, loops=loops, levels_N=(tuple(self.friction_level), tuple(self.swing)))
 
     def of_tests(self, tests: Sequence[int]) -> Correlated:
         chosen = list(tests)
-        some = replace(self, loops=tuple(self.loops[t] for t in chosen), friction_N=tuple(self.friction_level[chosen]))
+        levels = tuple(self.friction_level[chosen]), tuple(self.swing[chosen])
+        some = replace(self, loops=tuple(self.loops[t] for t in chosen), levels_N=levels)
         if some.used == self.used:  # each test's is its own, and dear
             vars(some)["projection"] = self.projection[chosen]
         return some

@@ -73,11 +73,15 @@ class Independent:
     v = (w/A) over its geometric mean in all loops' samples, w of Eq. (9), A the test's amplitude; b = σ = noise_N,
     sampled. Every test weighs the same, as it does in Eq. (8): an equal part of the Σ (2H + 1) numbers that all loops
     hold. So ln p = constant − N ln b − (N/T)·c·Eq. (8)/b.
+
+    units : the geometric mean of w/A and how many numbers a sample stands for, if not to be taken from the loops: of
+    some of the tests, or of others, noise_N means what it means of all.
     """
 
     loops: tuple[Loop, ...]
     scales: Scales
     kind: str = "gaussian"
+    units: tuple[float, float] | None = None
 
     @property
     def name(self) -> str:
@@ -102,15 +106,26 @@ class Independent:
     @cached_property
     def weights(self) -> Array:
         """v, (tests, samples): the scale of a sample's error is noise_N/v (Laplace) or noise_N/√v (Gaussian)."""
-        amplitude = np.array([x.amplitude_mm for x in self.loops])
-        v = paper_weights(np.stack([x.displacement_mm for x in self.loops]), amplitude) / amplitude[:, None]
-        return v / np.exp(np.mean(np.log(v)))
+        return self._plain_weights / self._units[0]
 
     @cached_property
+    def _plain_weights(self) -> Array:
+        """w/A, (tests, samples)."""
+        amplitude = np.array([x.amplitude_mm for x in self.loops])
+        return paper_weights(np.stack([x.displacement_mm for x in self.loops]), amplitude) / amplitude[:, None]
+
+    @cached_property
+    def _units(self) -> tuple[float, float]:
+        if self.units is not None:
+            return self.units
+        known = sum(2 * np.count_nonzero(np.isfinite(x.noise_N)) - 1 for x in self.loops)
+        v = self._plain_weights
+        return float(np.exp(np.mean(np.log(v)))), known / v.size
+
+    @property
     def _count(self) -> float:
         """Independent numbers that a sample stands for."""
-        known = sum(2 * np.count_nonzero(np.isfinite(x.noise_N)) - 1 for x in self.loops)
-        return known / self.weights.size
+        return self._units[1]
 
     def pointwise(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         scale = parameter_values["noise_N"][:, None, None]
@@ -123,12 +138,12 @@ class Independent:
 
     def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         scale = parameter_values["noise_N"]
-        points = self.weights.size  # the logarithms of the weights sum to zero
+        points, logs = self.weights.size, float(np.sum(np.log(self.weights)))
         if self.kind == "laplace":
             error = np.einsum("dts,ts->d", np.abs(residual_N), self.weights)
-            return -self._count * (points * np.log(2.0 * scale) + error / scale)
+            return -self._count * (points * np.log(2.0 * scale) - logs + error / scale)
         error = np.einsum("dts,ts->d", residual_N * residual_N, self.weights)
-        return -0.5 * self._count * (points * np.log(2.0 * np.pi * scale**2) + error / scale**2)
+        return -0.5 * self._count * (points * np.log(2.0 * np.pi * scale**2) - logs + error / scale**2)
 
     def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         w = np.sqrt(self._count * self.weights)
@@ -145,13 +160,13 @@ class Independent:
         self, residual_N: Array, parameter_values: ParameterValues, loops: Sequence[Loop], rng: np.random.Generator
     ) -> Array:
         none = np.zeros((len(residual_N), len(loops), residual_N.shape[-1]))
-        return replace(self, loops=tuple(loops)).replicate(none, parameter_values, rng)
+        return self.of_loops(tuple(loops)).replicate(none, parameter_values, rng)
 
     def of_loops(self, loops: tuple[Loop, ...]) -> Independent:
-        return replace(self, loops=loops)
+        return replace(self, loops=loops, units=self._units)
 
     def of_tests(self, tests: Sequence[int]) -> Independent:
-        return replace(self, loops=tuple(self.loops[t] for t in tests))
+        return self.of_loops(tuple(self.loops[t] for t in tests))
 
 
 KINDS = ("correlated", "unweighted", "matern", "gaussian", "laplace")

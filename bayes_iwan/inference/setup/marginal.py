@@ -170,7 +170,7 @@ class Marginal:
         root[:, -1, -1] = np.sqrt(before**2 - 1.0 + self._last[0][chosen])
         y[:, -1] *= before / root[:, -1, -1]
         right, share, upper = y + unit, np.zeros(len(y)), root.transpose(0, 2, 1)
-        for j in np.flatnonzero(np.isfinite(self._least)):
+        for j in np.flatnonzero(np.isfinite(self._least))[::-1]:  # each is given those after it
             after = np.linalg.solve(upper[:, j + 1 :, j + 1 :], right[:, j + 1 :, None])
             least = self._least[j] * root[:, j, j] - y[:, j] + (upper[:, j, None, j + 1 :] @ after)[:, 0, 0]
             right[:, j] = y[:, j] - special.ndtri(special.ndtr(-unit[:, j]) * special.ndtr(-least))

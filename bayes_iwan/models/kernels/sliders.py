@@ -191,8 +191,8 @@ def _way(u, v, closed, begin, at, where, off, stop, turns, last):
 
     A reversal between two samples would be overlooked by up to an eighth of a second difference, which every force
     after it would feel. So the turning point of the cubic through both samples and their slopes v (samples,), in mm a
-    sample, is put in; where slopes are not known (NaN) or do not show the reversal, the vertex of the parabola through
-    three samples. Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the
+    sample, is put in, between two equal samples, too; where slopes are not known (NaN) or do not show the reversal, the
+    vertex of the parabola through three samples, if the middle one lies beyond both others. Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the
     sample itself), stop (the entry at which the motion no longer goes on in the direction that led here), turns (the
     number of turning points, their entries, and the end of all entries, which is returned), and last (the number of
     entries that are the last in their direction, and these, from the end on).
@@ -203,8 +203,9 @@ def _way(u, v, closed, begin, at, where, off, stop, turns, last):
         if closed or 0 < i < n - 1:
             former, next_ = i - 1 if i > 0 else n - 1, i + 1 if i < n - 1 else 0
             rise, fall = u[i] - u[former], u[i] - u[next_]
-            if rise * fall > 0.0:
-                if rise * v[i] > 0.0 and rise * v[next_] < 0.0:
+            shown = rise * v[i] > 0.0 and rise * v[next_] < 0.0
+            if rise * fall > 0.0 or (fall == 0.0 and shown):
+                if shown:
                     tau, turn = _turning(u, v, i, next_)
                 elif rise * v[i] < 0.0 and rise * v[former] > 0.0:
                     tau, turn = _turning(u, v, former, i)

@@ -9,7 +9,6 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.predictions import resolved
-from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.models.motion import motion_of
 from bayes_iwan.models.simulator import FORCE_ZERO, straight_part
 
@@ -61,8 +60,11 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
     median = np.median(force[:, : len(chosen)], axis=0)
     residual_N, force = problem.measured_N - force[:, len(chosen) :], force[:, : len(chosen)]
     force += median.mean(axis=-1, keepdims=True) - force.mean(axis=-1, keepdims=True)
-    again = make_likelihood(problem.likelihood.name, chosen, problem.scales).replicate(force, parameter_values, rng)
-    if other := [i for i, x in enumerate(chosen) if x.file not in {y.file for y in problem.loops}]:
+    again, files = np.empty_like(force), [x.file for x in problem.loops]
+    if fitted := [i for i, x in enumerate(chosen) if x.file in files]:
+        likelihood = problem.likelihood.of_tests([files.index(chosen[i].file) for i in fitted])
+        again[:, fitted] = likelihood.replicate(force[:, fitted], parameter_values, rng)
+    if other := [i for i, x in enumerate(chosen) if x.file not in files]:
         held_out = [chosen[i] for i in other]
         again[:, other] = force[:, other] + problem.likelihood.carried_over(residual_N, parameter_values, held_out, rng)
     loop = force + resolved(again - force, chosen)
