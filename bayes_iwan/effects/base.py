@@ -352,11 +352,22 @@ def stages_of(kind: type[Effect]) -> frozenset[str]:
     return frozenset(s for s in (*OUTER, *INNER) if getattr(kind, s) is not getattr(Effect, s))
 
 
-def filtered(signal: Array, frequency_hz: Array, response: Callable[[Array], np.ndarray]) -> Array:
-    """A steady loop through a linear filter: signal (…, loops, samples), response(f in Hz (loops, H)) gives its
-    complex response (…, loops, H)."""
+def require_loops(motion: Motion) -> None:
+    """Raises EffectError for a record: a law that is solved for its steady loop says nothing of one."""
+    if not motion.periodic:
+        raise EffectError(
+            "filters, lags and what is in series with the specimen are computed for steady loops only, not for a record "
+            "from rest; give a periodic motion, leave these effects out, or run the exported C code, which goes step by "
+            "step"
+        )
+
+
+def filtered(signal: Array, motion: Motion, response: Callable[[Array], np.ndarray]) -> Array:
+    """Steady loops of a motion through a linear filter: signal (…, loops, samples), response(f in Hz (loops, H)) gives
+    its complex response (…, loops, H). Raises EffectError for a record."""
+    require_loops(motion)
     n = signal.shape[-1]
-    f = frequency_hz[:, None] * np.arange(n // 2 + 1)
+    f = motion.frequency_hz[:, None] * np.arange(n // 2 + 1)
     gain = response(f)
     out = fft.irfft(fft.rfft(signal, axis=-1) * gain, n=n, axis=-1)
     passes = np.all(gain == 1.0, axis=-1, keepdims=True)  # a filter that does nothing does not even round
@@ -365,7 +376,9 @@ def filtered(signal: Array, frequency_hz: Array, response: Callable[[Array], np.
 
 def moved_by(motion: Motion, displacement_mm: Array) -> Motion:
     """The motion with another displacement (draws, loops, samples); how it changes the speeds is taken by central
-    differences over the period, so that no change of displacement is no change of speed."""
+    differences over the period, so that no change of displacement is no change of speed. Raises EffectError for a
+    record."""
+    require_loops(motion)
     velocity, acceleration = np.empty_like(displacement_mm), np.empty_like(displacement_mm)
     u, v, a = map(np.ascontiguousarray, (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2))
     speeds_of_change(displacement_mm, u, v, a, 0.5 * motion.frequency_hz * motion.samples, velocity, acceleration)

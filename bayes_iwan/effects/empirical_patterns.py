@@ -9,7 +9,7 @@ in a few parameters how such gaps run; a named effect has to beat them too, and 
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, moved_by
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, moved_by, require_loops
 from bayes_iwan.effects.law_families import lognormal
 from bayes_iwan.models.kernels.relaxing import lagging
 
@@ -50,6 +50,7 @@ class BreakAway(Effect):
         }
 
     def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        require_loops(motion)
         u = motion.displacement_mm
         since = np.where(
             motion.velocity_m_s > 0.0, u - u.min(axis=-1, keepdims=True), u.max(axis=-1, keepdims=True) - u
@@ -61,9 +62,10 @@ class BreakAway(Effect):
         return alpha * self.own(raised, motion, parameter_values)
 
 
-def lag_behind(signal: Array, path: Array) -> Array:
+def lag_behind(signal: Array, motion: Motion, path: Array) -> Array:
     """How far along (−1 to 1) a reading lags that gives way over a path ℓ (draws,) after each reversal, whatever the
     speed: (draws, loops, samples). Its loops are those of Dahl (1968), of Coleman and Hodgdon in their linear case."""
+    require_loops(motion)
     out = np.empty((max(len(signal), len(path)), *signal.shape[1:]))
     lagging(np.ascontiguousarray(signal), np.maximum(path, 1e-300), out)
     return out
@@ -90,7 +92,7 @@ class LaggingForce(Effect):
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         return force_N - self.get(parameter_values, "lag_N") * lag_behind(
-            force_N, parameter_values[f"{self.name}.path_N"]
+            force_N, motion, parameter_values[f"{self.name}.path_N"]
         )
 
 
@@ -117,7 +119,7 @@ class LaggingReading(Effect):
 
     def motion(self, motion: Motion, parameter_values: ParameterValues) -> Motion:
         ahead = self.own(
-            lambda own: self.get(own, "lag_mm") * lag_behind(motion.displacement_mm, own[f"{self.name}.path_mm"]),
+            lambda own: self.get(own, "lag_mm") * lag_behind(motion.displacement_mm, motion, own[f"{self.name}.path_mm"]),
             motion,
             parameter_values,
         )

@@ -26,7 +26,7 @@ class _OfSlipSpeed(Effect):
 
     def speed_m_s(self, motion: Motion, parameter_values: ParameterValues) -> Array:
         tau = self.get(parameter_values, "memory_s")
-        speed = filtered(motion.speed_m_s, motion.frequency_hz, lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau))
+        speed = filtered(motion.speed_m_s, motion, lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau))
         return np.maximum(speed, 0.0)
 
 

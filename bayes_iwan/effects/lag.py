@@ -3,9 +3,12 @@
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered, form
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered, form, require_loops
 from bayes_iwan.effects.law_families import about, decay_over_block, lognormal
 from bayes_iwan.models.kernels.relaxing import relaxed
+
+#: a late normal force is no less than this, over that at rest
+LEAST = 0.02
 
 
 class NormalForceLag(Effect):
@@ -31,6 +34,7 @@ class NormalForceLag(Effect):
 
     def late(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         """α long after the start, shaped as `alpha` (draws, loops, samples), but for its floor."""
+        require_loops(motion)
         tau = np.maximum(parameter_values[self.strength_name], 1e-15)[:, None]
         half = 0.5 * parameter_values[f"{self.name}.release"][:, None]
         sample = 1.0 / (motion.frequency_hz * motion.samples * tau)  # (draws, loops)
@@ -42,7 +46,7 @@ class NormalForceLag(Effect):
         return out
 
     def normal_force(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        return np.maximum(self.late(alpha, motion, parameter_values), 0.02)
+        return np.maximum(self.late(alpha, motion, parameter_values), LEAST)
 
 
 class NormalForceLagFromStart(NormalForceLag):
@@ -74,9 +78,9 @@ class NormalForceLagFromStart(NormalForceLag):
         ratio, share = self.get(parameter_values, "slow_ratio"), self.get(parameter_values, "slow_share")
         slow = self.get(parameter_values, "tau_s") * ratio
         left = decay_over_block(motion, 1.0 / (motion.frequency_hz * np.maximum(slow[:, :, 0], 1e-15)))[:, :, None]
-        crept = filtered(alpha, motion.frequency_hz, lambda f: 1.0 / (1.0 + 2j * np.pi * f * slow))
+        crept = filtered(alpha, motion, lambda f: 1.0 / (1.0 + 2j * np.pi * f * slow))
         late = self.late(alpha, motion, parameter_values)
-        return np.maximum(late + share * (crept - late) + self.get(parameter_values, "start") * left, 0.02)
+        return np.maximum(late + share * (crept - late) + self.get(parameter_values, "start") * left, LEAST)
 
 
 EFFECTS: tuple[type[Effect], ...] = (NormalForceLag, NormalForceLagFromStart)

@@ -39,7 +39,7 @@ class ChannelDelay(Effect):
         def response(f: Array) -> np.ndarray:
             return np.exp(-2j * np.pi * f * delay * power_of(np.where(f > 0.0, f / reference_hz, 1.0), p))
 
-        return filtered(force_N, motion.frequency_hz, response)
+        return filtered(force_N, motion, response)
 
 
 def _highpass(f: Array, corner_hz: Array, second: Array, kept: Array) -> np.ndarray:
@@ -89,7 +89,7 @@ class IntegrationHighpass(Effect):
             return 1.0 / _highpass(f, corner, second, kept)
 
         seen = np.stack([motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2])
-        return motion.moved(*filtered(seen, motion.frequency_hz, response))
+        return motion.moved(*filtered(seen, motion, response))
 
 
 class ForceHighpass(Effect):
@@ -119,7 +119,7 @@ class ForceHighpass(Effect):
         kept = self.get(parameter_values, "kept")
         mean = self._mean_kept(corner, kept)
         return filtered(
-            force_N, motion.frequency_hz, lambda f: np.where(f > 0.0, _highpass(f, corner, second, kept), mean)
+            force_N, motion, lambda f: np.where(f > 0.0, _highpass(f, corner, second, kept), mean)
         )
 
     @staticmethod
@@ -203,7 +203,7 @@ class ForceLowpass(Effect):
             x = 2.0 * np.pi * f * tau
             return 1.0 / (1.0 + 1j * x - second * x * x)
 
-        return filtered(force_N, motion.frequency_hz, response)
+        return filtered(force_N, motion, response)
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
         tau = values[self.strength_name]
@@ -233,7 +233,7 @@ class SteepLowpass(ForceLowpass):
             x = 2.0 * np.pi * f * tau
             return np.exp(-1j * x - 0.5 * droop * x * x)
 
-        return filtered(force_N, motion.frequency_hz, response)
+        return filtered(force_N, motion, response)
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
         return Effect.reported(self, values)

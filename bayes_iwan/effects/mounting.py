@@ -71,7 +71,7 @@ class RigCompliance(Effect):
                 )
             force = np.ascontiguousarray(inner(moved_by(base, trial), some))
         else:
-            out[some] = np.nan
+            out[some] = np.where((size > TOLERANCE * motion.amplitude_mm)[:, :, None], np.nan, held)
         return out
 
 
@@ -129,12 +129,13 @@ def _first_crossings(u: Array, half: Array, force: Array, crossing: Array, slope
 def _secants(
     u: Array, force: Array, first_slope: Array, crossing: Array, last: Array, slope: Array, left: Array
 ) -> None:
-    """A step of the secant method towards the places where the force on the specimen at rest is zero; left (draws,) is
-    the largest force there, over the loop's largest. last (draws, loops, 2, 2) : place and force of the step before."""
+    """A step of the secant method towards the places where the force on the specimen at rest is zero; left (draws,
+    loops) is the larger force there, over the loop's largest. last (draws, loops, 2, 2) : place and force of the step before."""
     draws, loops, samples = force.shape
     for d in range(draws):
-        m, left[d] = d % u.shape[0], 0.0
+        m = d % u.shape[0]
         for j in range(loops):
+            left[d, j] = 0.0
             low, high, size = np.min(u[m, j]), np.max(u[m, j]), np.max(np.abs(force[d, j]))
             for branch in range(2):
                 c, there = crossing[d, j, branch], 0.0
@@ -145,7 +146,7 @@ def _secants(
                         break
                 if math.isinf(c) or not abs(there) > 0.0:
                     continue
-                left[d] = max(left[d], abs(there) / size)
+                left[d, j] = max(left[d, j], abs(there) / size)
                 moved, least = c - last[d, j, branch, 0], 0.1 * first_slope[d, j, branch]
                 if abs(moved) > 1e-13 * (high - low):
                     slope[d, j, branch] = min(max((there - last[d, j, branch, 1]) / moved, least), 100.0 * least)
@@ -189,18 +190,18 @@ class FreePlay(Effect):
         _first_crossings(u, half, out, crossing, slope)
         first, last = slope.copy(), np.full((*slope.shape, 2), np.nan)
         for _ in range(MOST_PASSES):
-            specimen, left = np.empty((len(some), *out.shape[1:])), np.empty(len(some))
+            specimen, left = np.empty((len(some), *out.shape[1:])), np.empty((len(some), out.shape[1]))
             _through_play(u, velocity, half[some], soft[some], crossing, specimen)
             out[some] = force = np.ascontiguousarray(inner(moved_by(base, specimen), some))
             _secants(u, force, first, crossing, last, slope, left)
-            open_ = left > TOLERANCE
+            open_ = np.any(left > TOLERANCE, axis=1)
             if not open_.any():
                 break
             some, base = some[open_], base.of_draws(open_)
             u, velocity = (x if len(x) == 1 else x[open_] for x in (u, velocity))
-            first, crossing, last, slope = (x[open_] for x in (first, crossing, last, slope))
+            first, crossing, last, slope, left = (x[open_] for x in (first, crossing, last, slope, left))
         else:
-            out[some] = np.nan
+            out[some] = np.where((left > TOLERANCE)[:, :, None], np.nan, out[some])
         return out
 
 

@@ -100,7 +100,7 @@ class MaxwellBranch(_AddedForce):
             s = power_of(2.0 * np.pi * f * tau, order) * np.exp(0.5j * np.pi * order)
             return np.where(f > 0.0, s / (1.0 + s), 0.0)
 
-        return self.get(own, "k_N_mm") * filtered(motion.displacement_mm, motion.frequency_hz, response)
+        return self.get(own, "k_N_mm") * filtered(motion.displacement_mm, motion, response)
 
 
 class MovingMass(_AddedForce):
@@ -138,7 +138,7 @@ class MovingMass(_AddedForce):
             r = f * period
             return 1.0 / (1.0 - r * r + 2j * damping * r)
 
-        return self.get(own, "m_kg") * filtered(motion.acceleration_m_s2, motion.frequency_hz, response)
+        return self.get(own, "m_kg") * filtered(motion.acceleration_m_s2, motion, response)
 
 
 class QuadraticStiffness(_AddedForce):

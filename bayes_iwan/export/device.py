@@ -95,6 +95,8 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
     states: dict[str, tuple[int, float]] = {}
     for effect, law in kept:
         _add(effect, law, values, tested_hz, parameters, stages, states)
+    if kept and stages["alpha"]:  # of all of them, as in the model
+        stages["alpha"].append(f"alpha = fmax(alpha, {ALPHA_FLOOR!r});")
     if any("turned" in code for code in stages["before"]):
         states |= CYCLE_STATES
         stages["before"].insert(0, "const int turned = half_cycle(p, s, s->time_s + h, u);")
@@ -177,8 +179,8 @@ def _add(
         for name in sorted(law.states, key=len, reverse=True):
             text = text.replace(f"@{name}", f"s->{effect.name}_{name}")
         stages[stage].append(text)
-        if stage in ("alpha", "slip"):
-            stages[stage].append(f"{stage} = fmax({stage}, {ALPHA_FLOOR!r});")
+        if stage == "slip":
+            stages[stage].append(f"slip = fmax(slip, {ALPHA_FLOOR!r});")
 
 
 def elements(device: Device, index: int, error: float) -> tuple[Array, Array]:

@@ -54,7 +54,8 @@ class ExportedModel:
     covariance: Array
 
     def force(self, motion: Motion) -> Array:
-        """Force of the device in N, (sets, loops, samples), for steady loops or a record from rest."""
+        """Force of the device in N, (sets, loops, samples), for steady loops, or for a record from rest where no effect
+        is a filter, a lag or in series with the specimen (else EffectError: the exported C code has these)."""
         values = without_zero(self.values)
         return recorded_force(self.model, self.effects, {**values, **self.model.parameter_values(values)}, motion)
 

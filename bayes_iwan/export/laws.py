@@ -207,14 +207,14 @@ LAWS: dict[type[Effect], Law] = {
     friction.DirectionDependentFriction: law(asymmetry="$asymmetry"),
     friction.DirectionDependentNormalForce: law(alpha="alpha *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"),
     friction.DirectionDependentSlip: law(slip="slip *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"),
-    lag.NormalForceLag: law(alpha=_LATE + "    @before = alpha;\n    alpha = @late;\n}", states=_LATE_STATES),
+    lag.NormalForceLag: law(alpha=_LATE + f"    @before = alpha;\n    alpha = fmax(@late, {lag.LEAST!r});\n}}", states=_LATE_STATES),
     lag.NormalForceLagFromStart: law(
         alpha=_LATE
         + """    @slow = relaxed(alpha, @before, @slow, h, $tau_s * $slow_ratio);
     @before = alpha;
     @start_left *= exp(-h / fmax($tau_s * $slow_ratio, 1e-15));
-    alpha = @late + $slow_share * (@slow - @late) + $start * @start_left;
-}""",
+    alpha = fmax(@late + $slow_share * (@slow - @late) + $start * @start_left, """
+        + f"{lag.LEAST!r});\n}}",
         states={**_LATE_STATES, "slow": (1, 1.0), "start_left": (1, 1.0)},
         note="the simulation's start is a record's start",
     ),

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from bayes_iwan.effects import catalogue
-from bayes_iwan.effects.base import Effect, moved_by
+from bayes_iwan.effects.base import Effect, EffectError, moved_by
 from bayes_iwan.effects.empirical_patterns import lag_behind
 from bayes_iwan.effects.paper_stages import EFFECTS as PAPER
 from bayes_iwan.effects.paper_stages import missing_terms
-from bayes_iwan.models import Model, Reference, sine_motion
+from bayes_iwan.models import Model, Reference, record_motion, sine_motion
 from bayes_iwan.models.simulator import recorded_force
 
 ISSUE = (
@@ -512,11 +512,28 @@ def lag_in_closed_form(x, rising, path):
     return np.where(rising, 1.0, -1.0) * (1.0 - (1.0 + np.tanh(reach / path)) * np.exp(-run / path))
 
 
+@pytest.mark.parametrize("effect", [e for e in ALSO_SHAPES if e.name not in RECORDS], ids=lambda e: e.__name__)
+def test_a_record_from_rest_ends_in_the_steady_loop_or_is_refused(kit, effect):
+    """Nothing that is solved for a steady loop takes a record for one."""
+    model, one = Model(kit.reference), effect(kit.scales, ("a.csv",))
+    own = kit.parameter_values(model) | at_median(one)
+    n, cycles = 256, 6
+    t = np.arange(1, cycles * n + 1) / (F_HZ * n)
+    record = record_motion(t, A_MM * np.sin(OMEGA * t), amplitude_mm=A_MM, frequency_hz=F_HZ)
+    loop = np.roll(recorded_force(model, [one], own, sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=n))[0, 0], -1)
+    try:
+        found = recorded_force(model, [one], own, record)[0, 0, -n:]
+    except EffectError as error:
+        assert "steady loops only" in str(error)
+    else:
+        assert np.std(found - loop) < 2e-3 * np.std(loop)
+
+
 @pytest.mark.parametrize("path", [0.05, 0.4, 30.0])
 def test_what_lags_by_its_path_is_the_closed_form_at_any_speed(path):
     at = motion(2048)  # reversals fall on samples
     rising = np.roll(at.velocity_m_s[0], 1, axis=-1) + at.velocity_m_s[0] > 0
-    z = lag_behind(at.displacement_mm, np.array([path, path]))
+    z = lag_behind(at.displacement_mm, at, np.array([path, path]))
     for one in z:
         np.testing.assert_allclose(one, lag_in_closed_form(at.displacement_mm[0], rising, path), atol=1e-9)
 
@@ -536,7 +553,7 @@ def test_a_lagging_force_loses_work_of_the_whole_force(kit):
 def test_a_lagging_reading_is_where_the_specimen_is(kit):
     at, model = motion(512), Model(kit.reference, normal_force="constant", stiffness="constant")
     true = kit.parameter_values(model)
-    z = lag_behind(at.displacement_mm, np.array([0.1]))
+    z = lag_behind(at.displacement_mm, at, np.array([0.1]))
     with_it, _ = change("lagging_reading", kit, 0.03, at, model=model, path_mm=0.1)
     np.testing.assert_allclose(with_it, model.force(true, moved_by(at, at.displacement_mm + 0.03 * z))[0])
     # what its spring stores, which is no friction, is turned into work by the reading

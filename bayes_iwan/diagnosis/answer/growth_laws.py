@@ -37,7 +37,7 @@ REPORTED_MOST = 4
 class GrowthLaw:
     """c · (f/f₀)^a · (A/A₀)^b in one harmonic; f₀ and A₀ are the largest of the tests.
 
-    force_N, sd_N : c and its standard error. frequency_power, amplitude_power : a, b as (best, low, high) with 90 %
+    force_N, sd_N : c and its standard error, of it what a refit of the base model's parameters leaves. frequency_power, amplitude_power : a, b as (best, low, high) with 90 %
     intervals, infinite where the grid of exponents ends, None where the tests cannot tell. gain : fall of the
     residual's χ² by this one term.
     """
@@ -81,6 +81,7 @@ class LawSearch:
         self.order = np.r_[linear.discrepancy.order, np.full(len(z), -1)]
         self.names: list[tuple[int, str]] = []
         self.signatures: list[Array] = []
+        self.visible: list[Array] = []  # of each signature, as shares of its size
         roots = []
         for order in ORDERS:
             at = np.flatnonzero((residual.kind == LOOP) & (residual.order == order))
@@ -89,10 +90,12 @@ class LawSearch:
             for part, unit in (("in phase", 1.0), ("quadrature", 1j)):
                 signature = np.zeros((len(shape), *residual.value.shape), dtype=complex)
                 signature[:, :, at[0]] = shape * unit / turn[:, order]
-                s = free(residual.rows_of(signature), np.zeros((len(shape), len(z))))
+                rows = residual.rows_of(signature)
+                s = free(rows, np.zeros((len(shape), len(z))))
                 self.names.append((order, part))
                 self.signatures.append(s)
                 power = np.maximum(np.einsum("ij,ij->i", s, s), 1e-12)
+                self.visible.append(np.sqrt(power / np.maximum(np.sum((rows / sd) ** 2, axis=1), power)))
                 roots.append(np.cbrt(np.max((simulated @ s.T) ** 2 / power, axis=1)))
         root = np.stack(roots, axis=1)
         self.middle, self.scale = root.mean(axis=0), np.maximum(root.std(axis=0), 1e-300)
@@ -137,8 +140,8 @@ class LawSearch:
         law = GrowthLaw(
             order,
             part,
-            size,
-            float(np.sqrt(spare / power)),
+            size * float(self.visible[i][best]),
+            float(np.sqrt(spare / power) * self.visible[i][best]),
             by_frequency,
             _profile(self.a_powers, table.max(axis=0), spare),
             float(gain[best]),

@@ -9,7 +9,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.campaign.timing.groups import SAME
-from bayes_iwan.diagnosis.assessment.calibration import calibration
+from bayes_iwan.diagnosis.assessment.calibration import calibration, coarsening
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
 from bayes_iwan.diagnosis.fits.evidence import Fit
@@ -81,8 +81,8 @@ def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, .
 class NextTest:
     """The loop test that would separate two explanations best, or what to do at the bench where none would.
 
-    frequency_hz : None without a clock; expected_log_odds : ln odds in favour of the true one to be expected after that
-    test alone.
+    frequency_hz : None without a clock; expected_log_odds : ln of the factor by which it would change the odds of the
+    two, as probabilities of effects are reckoned.
     """
 
     frequency_hz: float | None
@@ -147,16 +147,18 @@ def next_test(
     diagonal[0] += (0.01 * level) ** 2
     diagonal = np.r_[diagonal, diagonal[1:]]
     d = ya - yb
-    odds = np.empty(len(plan))
+    odds = np.zeros(len(plan))
     for i in range(len(plan)):
         cov = np.diag(diagonal) + ja[i] @ a.covariance @ ja[i].T + jb[i] @ b.covariance @ jb[i].T
-        odds[i] = 0.5 * d[i] @ np.linalg.solve(cov, d[i])
+        if np.isfinite(cov).all() and np.isfinite(d[i]).all():  # else one of both has no force there
+            odds[i] = 0.5 * d[i] @ np.linalg.solve(cov, d[i])
     best = int(np.argmax(odds))
     cycles = max(int(np.median([x.n_cycles for x in data.loops])), 20)
     promises = bool(new) and odds[best] >= LEAST_NATS
     action = "" if promises else "; or ".join(dict.fromkeys(x for x in bench if x)) or BENCH
     at = float(f"{plan[best][0]:.3g}") if data.loops[0].record.clock else None
-    return NextTest(at, float(f"{plan[best][1]:.3g}"), cycles, names, float(odds[best]), action)
+    counted = float(odds[best]) * coarsening(data.tests + 1)
+    return NextTest(at, float(f"{plan[best][1]:.3g}"), cycles, names, counted, action)
 
 
 def not_run(plans: Sequence[tuple[float, float]], data: GapData) -> list[tuple[float, float]]:

@@ -340,7 +340,7 @@ def next_sentence(d: Diagnosis) -> str:
     pair = listed(following.separates)
     if following.bench:
         return f"Next: {following.bench}. No one test that this rig can run would separate {pair} well."
-    return f"Next: run {planned(following)}. It separates {pair} (expected odds {odds(following.expected_log_odds)})."
+    return f"Next: run {planned(following)}. It separates {pair} (it would change their odds by {odds(following.expected_log_odds)})."
 
 
 def planned(test: NextTest) -> str:

@@ -119,7 +119,7 @@ def strength(parameters: Mapping[str, tuple[float, float, str]]) -> str:
 
 def odds(log_odds: float) -> str:
     """Odds from their logarithm."""
-    return "over 1000 : 1" if log_odds > 6.9 else f"{np.exp(log_odds):.0f} : 1"
+    return "over 1000 : 1" if log_odds > 6.9 else f"{np.exp(log_odds):.{0 if log_odds > 2.3 else 1}f} : 1"
 
 
 def physics_of_pattern(resembles: str | None) -> str | None:

@@ -47,9 +47,14 @@ class Calibration:
         write_whole(path, json.dumps(asdict(self), indent=1) + "\n")
 
 
+def coarsening(tests: int) -> float:
+    """The power by which scores of so many tests count."""
+    return COARSENED / (COARSENED + tests)
+
+
 def set_probabilities(scores: Mapping[Names, float], tests: int) -> dict[Names, float]:
     """Probability of every fitted set, from its score in nats and the number of fitted tests."""
-    weight = COARSENED / (COARSENED + tests) * np.array(list(scores.values()))
+    weight = coarsening(tests) * np.array(list(scores.values()))
     return dict(zip(scores, np.exp(weight - np.logaddexp.reduce(weight)).tolist()))
 
 

@@ -145,8 +145,9 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     unknown = unknown_cause_probability(by_size, found.figures, found.sets)
     differ = cycles_differ(found.search.data, named)
     unknown = SUREST if differ else unknown
-    likeliest = max(probabilities.values(), default=0.0)
-    probabilities |= {"none": (1.0 - likeliest) * (1.0 - unknown), "unknown": unknown}
+    free = {f.name for f in found.figures if not refused(f)}
+    some = beside_unlisted(any_of(found.sets, free), unlisted)
+    probabilities |= {"none": (1.0 - some) * (1.0 - unknown), "unknown": unknown}
     flagged = unknown >= PROBABLE
     kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
     loops = found.search.data.loops
