@@ -105,7 +105,9 @@ def leave_tests_out(posterior: Posterior, *, seed: int = 0, steps: int = 60) -> 
 def without(problem: Problem, test: int) -> Problem:
     """The same problem (scales, priors) without one of its tests."""
     others = [i for i in range(len(problem.loops)) if i != test]
-    return replace(problem, loops=tuple(problem.loops[i] for i in others), likelihood=problem.likelihood.of_tests(others))
+    return replace(
+        problem, loops=tuple(problem.loops[i] for i in others), likelihood=problem.likelihood.of_tests(others)
+    )
 
 
 def _chunked(function: Callable[[Array], Array], z: Array, size: int = 1000) -> Array:

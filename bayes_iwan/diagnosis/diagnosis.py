@@ -23,7 +23,7 @@ from bayes_iwan.diagnosis.answer.result import Diagnosis, EffectParameter, Moved
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
 from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, weighed
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, GapBudget, Kind, Unexplained, Verdict, unexplained_share
-from bayes_iwan.diagnosis.assessment.calibration import Calibration, any_of, calibration
+from bayes_iwan.diagnosis.assessment.calibration import Calibration, calibration
 from bayes_iwan.diagnosis.assessment.sampled_fit import sampled_fit
 from bayes_iwan.diagnosis.assessment.verdict import candidates_of, refused, resembled, verdict_of
 from bayes_iwan.diagnosis.constants import MOST_EFFECTS
@@ -201,7 +201,8 @@ def _reported(
     )
     rng = np.random.default_rng([seed, 2])
     nats = visible_nats(data, base, found.search.effects)
-    hidden = tuple(n for n, v in nats.items() if v < TESTABLE_NATS and n not in named and n not in NO_CAUSE)
+    shown = {n for n, v in nats.items() if v >= TESTABLE_NATS and not found.search.effects[n][0].flexible}
+    hidden = tuple(n for n in nats if n not in shown | named | NO_CAUSE)
     report("what the base can imitate")
     friction_N = float(np.sqrt(np.mean(gap.size.friction_N**2)))
     imitated = imitations(found.search, found.models.fits, named, friction_N, gap.campaign.limits)
@@ -210,7 +211,8 @@ def _reported(
     report("next test")
     following = _next(data, found, verdict, constants, gap.campaign)
     if following is None or not (named or verdict.one_of):  # what is said comes before what is only possible
-        following = next((x.next_test for x in said_in_text(imitated) if x.next_test), following)
+        open_ones = (x.next_test for x in said_in_text(imitated) if not named & {*x.tied})
+        following = next((test for test in open_ones if test), following)
     return Diagnosis(
         gap.campaign,
         seed,
@@ -290,10 +292,12 @@ def _next(
     if verdict.kind is Kind.DRIVE:
         return None
     whole, said = frozenset(found.search.chosen), {n for x in verdict.one_of for n in x.names}
+    spoken_of = said.union(verdict.names)
     for f in sorted(found.figures, key=lambda f: -f.moved):
         others = [n for n in candidates_of(f, constants) if n != f.name]
-        open_question = OPEN[0] < any_of(found.sets, {f.name}) < OPEN[1]
-        if (refused(f) and f.name not in said) or not (others or open_question):
+        open_question = OPEN[0] < verdict.probabilities.get(f.name, 0.0) < OPEN[1]
+        tied = others and f.name in spoken_of
+        if (refused(f) and f.name not in said) or not (tied or open_question):
             continue
         other = others[0] if others else "none"
         fits = found.search.fit(whole), found.search.fit(whole - {f.name} | {*others[:1]})

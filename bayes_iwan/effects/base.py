@@ -356,9 +356,9 @@ def require_loops(motion: Motion) -> None:
     """Raises EffectError for a record: a law that is solved for its steady loop says nothing of one."""
     if not motion.periodic:
         raise EffectError(
-            "filters, lags and what is in series with the specimen are computed for steady loops only, not for a record "
-            "from rest; give a periodic motion, leave these effects out, or run the exported C code, which goes step by "
-            "step"
+            "filters, lags and what is in series with the specimen are computed for steady loops only, not for a "
+            "record from rest; give a periodic motion, leave these effects out, or run the exported C code, which goes "
+            "step by step"
         )
 
 

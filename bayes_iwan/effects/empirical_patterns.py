@@ -119,7 +119,9 @@ class LaggingReading(Effect):
 
     def motion(self, motion: Motion, parameter_values: ParameterValues) -> Motion:
         ahead = self.own(
-            lambda own: self.get(own, "lag_mm") * lag_behind(motion.displacement_mm, motion, own[f"{self.name}.path_mm"]),
+            lambda own: (
+                self.get(own, "lag_mm") * lag_behind(motion.displacement_mm, motion, own[f"{self.name}.path_mm"])
+            ),
             motion,
             parameter_values,
         )

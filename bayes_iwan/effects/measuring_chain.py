@@ -118,9 +118,7 @@ class ForceHighpass(Effect):
         corner, second = self.get(parameter_values, "corner_hz"), self.get(parameter_values, "second")
         kept = self.get(parameter_values, "kept")
         mean = self._mean_kept(corner, kept)
-        return filtered(
-            force_N, motion, lambda f: np.where(f > 0.0, _highpass(f, corner, second, kept), mean)
-        )
+        return filtered(force_N, motion, lambda f: np.where(f > 0.0, _highpass(f, corner, second, kept), mean))
 
     @staticmethod
     def _mean_kept(corner_hz: Array, kept: Array) -> Array:

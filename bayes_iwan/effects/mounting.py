@@ -130,7 +130,8 @@ def _secants(
     u: Array, force: Array, first_slope: Array, crossing: Array, last: Array, slope: Array, left: Array
 ) -> None:
     """A step of the secant method towards the places where the force on the specimen at rest is zero; left (draws,
-    loops) is the larger force there, over the loop's largest. last (draws, loops, 2, 2) : place and force of the step before."""
+    loops) is the larger force there, over the loop's largest. last (draws, loops, 2, 2) : place and force of the step
+    before."""
     draws, loops, samples = force.shape
     for d in range(draws):
         m = d % u.shape[0]

@@ -207,7 +207,9 @@ LAWS: dict[type[Effect], Law] = {
     friction.DirectionDependentFriction: law(asymmetry="$asymmetry"),
     friction.DirectionDependentNormalForce: law(alpha="alpha *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"),
     friction.DirectionDependentSlip: law(slip="slip *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"),
-    lag.NormalForceLag: law(alpha=_LATE + f"    @before = alpha;\n    alpha = fmax(@late, {lag.LEAST!r});\n}}", states=_LATE_STATES),
+    lag.NormalForceLag: law(
+        alpha=_LATE + f"    @before = alpha;\n    alpha = fmax(@late, {lag.LEAST!r});\n}}", states=_LATE_STATES
+    ),
     lag.NormalForceLagFromStart: law(
         alpha=_LATE
         + """    @slow = relaxed(alpha, @before, @slow, h, $tau_s * $slow_ratio);

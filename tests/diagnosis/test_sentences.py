@@ -193,10 +193,11 @@ def test_that_nothing_is_needed_is_said_from_one_half_on_and_the_box_is_as_sure(
 def test_what_the_base_can_imitate_is_said_under_none(answers):
     said = to_dict(answers["none, ties"])
     (speed,) = (s for s in said["sentences"] if s.startswith("Speed dependence"))
-    assert speed.startswith("Speed dependence: viscous damping or a normal force that grows with speed. These tests do")
-    assert "With one of them the model would miss 2 % to 2.5 %" in speed and "with none 12 %" in speed
+    own = "a normal force that grows with speed (the model's own)"
+    assert speed.startswith(f"Speed dependence: viscous damping or {own}. These tests do not tell which.")
+    assert "With one of them alone the model would miss 2 % to 2.5 %" in speed and "with none 12 %" in speed
     assert said["verdict"]["colour"] == "note" and said["imitations"][0]["tied"] == TIED.tied
-    assert any("normal_force_rate = 1.4 (+3.5 prior sd)" in s for s in said["sentences"])
+    assert any("with speed (normal_force_rate = 1.4, +3.5 prior sd)" in s for s in said["sentences"])
     assert said["sentences"][-1].startswith("Next: run 12 Hz at 0.4 mm for 20 cycles. It separates viscous damping and")
 
 
@@ -208,7 +209,7 @@ def test_a_dependence_that_one_effect_explains_is_left_to_the_verdict(answers):
     two = replace(TIED, tied=("viscous_damping", "maxwell_branch"))
     said = " ".join(sentences(replace(answers["none, ties"], imitations=(two,))))
     instead = "with a normal force that grows with speed instead 2.5 %, with none 12 %."
-    assert f"With one of them the model would miss 2 % to 11 % of the friction force, {instead}" in said
+    assert f"With one of them alone the model would miss 2 % to 11 % of the friction force, {instead}" in said
 
 
 def test_a_share_that_may_be_nothing_is_one_that_is_not_missed(answers):

@@ -520,7 +520,9 @@ def test_a_record_from_rest_ends_in_the_steady_loop_or_is_refused(kit, effect):
     n, cycles = 256, 6
     t = np.arange(1, cycles * n + 1) / (F_HZ * n)
     record = record_motion(t, A_MM * np.sin(OMEGA * t), amplitude_mm=A_MM, frequency_hz=F_HZ)
-    loop = np.roll(recorded_force(model, [one], own, sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=n))[0, 0], -1)
+    loop = np.roll(
+        recorded_force(model, [one], own, sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=n))[0, 0], -1
+    )
     try:
         found = recorded_force(model, [one], own, record)[0, 0, -n:]
     except EffectError as error:

@@ -116,7 +116,7 @@ def test_parts_sum_up_where_one_test_alone_resolves_a_harmonic(problem, known):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_order_of_tests_does_not_matter(problem, known, kind):
-    """Tests of which one resolves few harmonics, the first or the last: so do tests of several frequencies at one rate."""
+    """Of tests one resolves few harmonics, the first or the last, as where frequencies differ at one rate."""
     few = replace(problem.loops[0], noise_N=np.where(np.arange(51) > 4, np.inf, problem.loops[0].noise_N))
     first, last = (few, *problem.loops[1:3]), (*problem.loops[1:3], few)
     found = []
@@ -130,7 +130,8 @@ def test_the_order_of_tests_does_not_matter(problem, known, kind):
 
 @pytest.mark.parametrize("kind", ["gaussian", "laplace"])
 def test_noise_means_the_same_of_some_tests_and_of_others(problem, known, kind):
-    """The density of one test is the whole's over that of the others; noise carried over to it is as large as its own."""
+    """The density of one test is the whole's over that of the others; noise carried over to it is as large as its
+    own."""
     p = make_problem(problem.loops, {"likelihood": {"kind": kind}})
     z = known.true_z(p)
     values, residual = p.parameter_values(z), p.residual(z)

@@ -37,9 +37,9 @@ REPORTED_MOST = 4
 class GrowthLaw:
     """c · (f/f₀)^a · (A/A₀)^b in one harmonic; f₀ and A₀ are the largest of the tests.
 
-    force_N, sd_N : c and its standard error, of it what a refit of the base model's parameters leaves. frequency_power, amplitude_power : a, b as (best, low, high) with 90 %
-    intervals, infinite where the grid of exponents ends, None where the tests cannot tell. gain : fall of the
-    residual's χ² by this one term.
+    force_N, sd_N : c and its standard error, of it what a refit of the base model's parameters leaves.
+    frequency_power, amplitude_power : a, b as (best, low, high) with 90 % intervals, infinite where the grid of
+    exponents ends, None where the tests cannot tell. gain : fall of the residual's χ² by this one term.
     """
 
     order: int

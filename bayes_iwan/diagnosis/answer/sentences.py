@@ -216,11 +216,18 @@ def _imitation(x: Imitation, d: Diagnosis) -> str:
     named = [n for n in x.tied if n in d.verdict.names]
     # the list is cut, and the base's own freedom is the point
     own_second = sorted(x.tied[1:], key=lambda n: n != x.name)
-    text = f"{capital(x.what)}: {few([x.tied[0], *own_second])}."
-    text += f" The evidence is for {listed(named)}." if named else " These tests do not tell which."
-    text += f" With one of them the model would miss {left} of the friction force"
-    own, none = percent(share[x.name]), percent(x.without)
-    text += f", with {title(x.name)} instead {own}" if x.name not in x.tied and own != none else ""
+    own = title(x.name)
+    text = f"{capital(x.what)}: {few([x.tied[0], *own_second])}.".replace(own, f"{own} (the model's own)")
+    if max(x.explanations, key=lambda e: e.nats).name in named:
+        text += f" The evidence is for {listed(named)}."
+    elif named:
+        why = "is named, since it helps" if len(named) == 1 else "are named, since they help"
+        text += f" {capital(listed(named))} {why} beside the model's own."
+    else:
+        text += " These tests do not tell which."
+    text += f" With one of them alone the model would miss {left} of the friction force"
+    with_own, none = percent(share[x.name]), percent(x.without)
+    text += f", with {own} instead {with_own}" if x.name not in x.tied and with_own != none else ""
     text += f", with none {none}."
     if x.what == "speed dependence" and not _frequencies_differ(d):
         text += " The tests' frequencies hardly differ, so a dependence on amplitude would look alike."
@@ -284,8 +291,10 @@ def _edges(d: Diagnosis) -> list[str]:
     if not d.edges:
         return []
     unit = {x.name: "" if x.unit in ("-", "") else f" {x.unit}" for x in d.edges}
+    meaning = {p.name: p.description for p in d.fit.problem.prior.free}
     some = ", ".join(
-        f"{x.name} = {plain(x.value)}{unit[x.name]} ({x.deviations:+.1f} prior sd)" for x in d.edges[:EDGES_SAID]
+        f"{meaning[x.name]} ({x.name} = {plain(x.value)}{unit[x.name]}, {x.deviations:+.1f} prior sd)"
+        for x in d.edges[:EDGES_SAID]
     )
     more = f" and {len(d.edges) - EDGES_SAID} more" if len(d.edges) > EDGES_SAID else ""
     return [
@@ -340,7 +349,8 @@ def next_sentence(d: Diagnosis) -> str:
     pair = listed(following.separates)
     if following.bench:
         return f"Next: {following.bench}. No one test that this rig can run would separate {pair} well."
-    return f"Next: run {planned(following)}. It separates {pair} (it would change their odds by {odds(following.expected_log_odds)})."
+    by = odds(following.expected_log_odds)
+    return f"Next: run {planned(following)}. It separates {pair} (it would change their odds by {by})."
 
 
 def planned(test: NextTest) -> str:

@@ -158,22 +158,15 @@ def implausible(effect: Effect, fit: Fit, data: GapData) -> str:
     """Why the fitted numbers of an effect are not plausible, "" where they are.
 
     A time constant must lie where the tested periods can tell it (how long a change along the record takes is not
-    meant), and an effect of time in a channel needs frequencies that differ; every number that is no strength must be
-    within what its prior holds possible. Towards an end of its range it may go as far as it likes: a memory of no
-    length is a law, too.
+    meant), and an effect of time in a channel needs frequencies that differ.
     """
     values = fit.problem.prior.values(fit.z[None])
     hz = np.array([x.frequency_hz for x in data.loops])
     for p in effect.parameters:
         if p.name not in fit.problem.names:
             continue
-        z = float(fit.z[fit.problem.names.index(p.name)])
         short = p.name.split(".", 1)[1]
         value = float(values[p.name][0])
-        low, high = np.clip(p.prior.support(), p.lower, p.upper)
-        endless = np.isinf(high if z > 0.0 else low)
-        if p.name not in effect.strength_names and endless and abs(z) > LARGEST_SCORE:
-            return f"{short} of {f'{value:.3g} {p.unit}'.removesuffix(' -')} is beyond what is possible"
         if p.unit == "s" and (p.name == effect.strength_name or not effect.evolving):
             period_s = 1.0 / hz.min()
             if abs(value) > LONGEST_PERIODS * period_s:

@@ -192,10 +192,11 @@ def _way(u, v, closed, begin, at, where, off, stop, turns, last):
     A reversal between two samples would be overlooked by up to an eighth of a second difference, which every force
     after it would feel. So the turning point of the cubic through both samples and their slopes v (samples,), in mm a
     sample, is put in, between two equal samples, too; where slopes are not known (NaN) or do not show the reversal, the
-    vertex of the parabola through three samples, if the middle one lies beyond both others. Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the
-    sample itself), stop (the entry at which the motion no longer goes on in the direction that led here), turns (the
-    number of turning points, their entries, and the end of all entries, which is returned), and last (the number of
-    entries that are the last in their direction, and these, from the end on).
+    vertex of the parabola through three samples, if the middle one lies beyond both others. Fills at (displacement),
+    where (sample it belongs to), off (samples from there to it; 0 for the sample itself), stop (the entry at which the
+    motion no longer goes on in the direction that led here), turns (the number of turning points, their entries, and
+    the end of all entries, which is returned), and last (the number of entries that are the last in their direction,
+    and these, from the end on).
     """
     n, count, found = u.size, begin, 0
     for i in range(n):
