@@ -12,7 +12,7 @@ from bayes_iwan.diagnosis.assessment.assessed_search import assessed
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.indicators import figures_of, implausible, of_time, replaced
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
-from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LONGEST_PERIODS
+from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LONGEST_PERIODS
 from bayes_iwan.diagnosis.fits.evidence import base_problem
 from bayes_iwan.effects import catalogue
 
@@ -70,13 +70,14 @@ def test_numbers_must_be_plausible_where_they_and_where_shares_are_from(kit, mon
     found = kit.diagnosed("channel_delay").found
     search, whole = found.search, frozenset(found.search.chosen)
     best, nearest, name = found.models.fits[whole], found.models.nearest[whole], search.chosen[0]
-    delay = np.array([n == "channel_delay.delay_s" for n in best.problem.names])
+    strength = next(e for e in best.effects if e.name == name).strength_name
+    delay = np.array([n == strength for n in best.problem.names])
 
     def far(fit):
         return replace(fit, z=np.where(delay, 8.0, fit.z))
 
     def delay_s(fit):
-        return abs(float(fit.problem.prior.values(fit.z[None])["channel_delay.delay_s"][0]))
+        return abs(float(fit.problem.prior.values(fit.z[None])[strength][0]))
 
     least = max(delay_s(best), delay_s(nearest))
     assert delay_s(far(best)) > 2.0 * least
