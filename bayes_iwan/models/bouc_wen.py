@@ -31,6 +31,8 @@ from bayes_iwan.threads import over_draws
 
 #: longest Runge–Kutta step, in units of the relaxation length Z/(k n |ψ|)
 STEP = 0.5
+#: of |z/Z|ⁿ with n < 1, which is steep at zero, the slope that bounds steps is no steeper than at this share of Z
+LEAST = 1e-4
 #: z is at rest on its asymptote within this share of k
 SATURATED = 1e-6
 #: a steady loop closes within this share of Z, or there is none
@@ -59,7 +61,7 @@ def _advance(z: float, start: float, end: float, k: float, size: float, n: float
             return math.nan
         if abs(f) < SATURATED * k:
             return z
-        rate = stiff * (ratio ** (n - 1.0) if ratio > 1.0 else 1.0)
+        rate = stiff * (max(ratio, LEAST) ** (n - 1.0) if ratio > 1.0 or n < 1.0 else 1.0)
         step = left if left * rate <= STEP else STEP / rate
         if z * du < 0.0 and 1e-3 < ratio and abs(z) < abs(f) * step:
             step = abs(z / f)  # |z|ⁿ has a kink at zero: end a step there

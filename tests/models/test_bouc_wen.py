@@ -9,6 +9,7 @@ from bayes_iwan.models.bouc_wen import OTHER_MODELS, BoucWen, GeneralizedBoucWen
 from bayes_iwan.models.simulator import recorded_force
 
 CASES = {
+    "n = 0.2": ("bouc_wen", {"bw_k_N_mm": 14.0, "bw_force_N": 1.2, "bw_n": 0.2, "bw_share": 0.7}),
     "n = 1": ("bouc_wen", {"bw_k_N_mm": 14.0, "bw_force_N": 1.2, "bw_n": 1.0, "bw_share": 0.7}),
     "n = 2": ("bouc_wen", {"bw_k_N_mm": 14.0, "bw_force_N": 1.2, "bw_n": 2.0, "bw_share": 0.5}),
     "n = 8, stiff": ("bouc_wen", {"bw_k_N_mm": 80.0, "bw_force_N": 0.8, "bw_n": 8.0, "bw_share": 0.9}),
@@ -54,12 +55,12 @@ def by_scipy(psi, k, size, n, amplitude, samples, cycles):
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("amplitude", [0.2, 1.0])
 def test_steady_loops_against_scipy(case, amplitude, truth):
-    """Measured: at most 1e-4 of the RMS force (at the corners), over all cases and amplitudes."""
+    """Measured: at most 2.6e-4 of the RMS force, where n < 1 makes z's slope steep at zero 7e-4."""
     rival, parameter_values = parameter_values_of(case, truth)
     force = rival.force(parameter_values, sine_motion(frequency_hz=10.0, amplitude_mm=amplitude, samples=64))[0, 0]
     values = [float(parameter_values[name][0]) for name in ("bw_k_N_mm", "bw_force_N", "bw_n")]
     expected = by_scipy(rival.shape(parameter_values)[0], *values, amplitude, 64, 4)
-    assert np.max(np.abs(force - expected)) < 3e-4 * np.sqrt(np.mean(expected**2))
+    assert np.max(np.abs(force - expected)) < (3e-4 if values[2] >= 1.0 else 1e-3) * np.sqrt(np.mean(expected**2))
 
 
 def test_small_loops_close_though_they_forget_slowly(truth):

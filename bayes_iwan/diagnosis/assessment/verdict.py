@@ -146,8 +146,8 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     differ = cycles_differ(found.search.data, named)
     unknown = SUREST if differ else unknown
     free = {f.name for f in found.figures if not refused(f)}
-    some = beside_unlisted(any_of(found.sets, free), unlisted)
-    probabilities |= {"none": (1.0 - some) * (1.0 - unknown), "unknown": unknown}
+    listed = beside_unlisted(any_of(found.sets, free), unlisted)
+    probabilities |= {"none": (1.0 - listed) * (1.0 - unknown), "unknown": unknown}
     flagged = unknown >= PROBABLE
     kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
     loops = found.search.data.loops
