@@ -297,8 +297,8 @@ class EnsembleRun:
     def state(self) -> dict[str, NDArray[Any]]:
         """What the run goes on from."""
         own = {name: getattr(self.at, name) for name in ("x", "drawn", "log_prob")}
-        rest = {"learnt": self.learnt, "look": self.look, "seen": self.seen}
-        return own | {"led": self._led} | {name: np.array(x) for name, x in rest.items()}
+        numbers = {"learnt": self.learnt, "look": self.look, "seen": self.seen}
+        return own | {"led": self._led} | {name: np.array(x) for name, x in numbers.items()}
 
     def _restored(self, found: Snapshot, path: Path) -> None:
         """Be as an earlier run was."""

@@ -383,11 +383,11 @@ def test_the_next_test_is_between_a_cause_and_what_explains_the_data_nearly_as_w
 
     def planned(drag, play, sure=0.5):
         figures = [SimpleNamespace(name=n, moved=m, odd=False, alternatives=a) for n, m, a in (drag, play)]
-        sets = {frozenset({"drag", "play"}): sure}
         found = SimpleNamespace(
-            search=search, figures=figures, sets=sets, asked=frozenset(search.chosen), models=SimpleNamespace(fits=fits)
+            search=search, figures=figures, asked=frozenset(search.chosen), models=SimpleNamespace(fits=fits)
         )
-        verdict = SimpleNamespace(kind=Kind.EXPLAINED, one_of=())
+        names = ("drag", "play")
+        verdict = SimpleNamespace(kind=Kind.EXPLAINED, one_of=(), names=names, probabilities=dict.fromkeys(names, sure))
         return _next(None, found, verdict, calibration(), SimpleNamespace(limits=None))
 
     two = (("drag", 1.0, {}), ("play", 2.0, near))

@@ -11,6 +11,7 @@ from bayes_iwan.diagnosis import diagnosis
 from bayes_iwan.diagnosis.answer import next_test as next_test_module
 from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, next_test, plans_of, visible_nats
 from bayes_iwan.diagnosis.assessment.budget import Kind
+from bayes_iwan.diagnosis.assessment.calibration import coarsening
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search.base_fit import fit_base
@@ -49,8 +50,50 @@ def test_next_test_separates_two_models_within_reach(kit):
     # nothing is stated of the rig: the range measured, to three digits
     assert 0.995 * min(f) <= plan.frequency_hz <= 1.005 * max(f)
     assert 0.995 * min(a) <= plan.amplitude_mm <= 1.005 * max(a)
-    assert plan.expected_log_odds > 4.0 and plan.bench == "" and plan.cycles >= 20
+    assert plan.expected_log_odds > 0.3 and plan.bench == "" and plan.cycles >= 20
     assert plan.separates == ("channel_delay", "none")
+
+
+class WithoutForce:
+    """A problem that has no force at higher frequencies than one."""
+
+    def __init__(self, problem, most_hz):
+        self.problem, self.most_hz = problem, most_hz
+
+    def __getattr__(self, name):
+        return getattr(self.problem, name)
+
+    def force(self, values, motion):
+        there = (motion.frequency_hz <= self.most_hz)[:, None]
+        return np.where(there, self.problem.force(values, motion), np.nan)
+
+
+def test_a_test_in_which_a_model_has_no_force_is_not_proposed(kit, monkeypatch):
+    found = kit.diagnosed("channel_delay").search
+    monkeypatch.setattr(next_test_module, "quick_gap_N", lambda *given: 0.0)
+    delay, asked = found.fit({"channel_delay"}), (("channel_delay", "none"), ["do this"], RigLimits())
+    best = next_test(found.data, delay, found.base, *asked)
+    lower = replace(found.base, problem=WithoutForce(found.base.problem, 0.9 * best.frequency_hz))
+    other = next_test(found.data, delay, lower, *asked)
+    assert other.frequency_hz < best.frequency_hz and 0.0 < other.expected_log_odds < best.expected_log_odds
+    none = next_test(found.data, delay, replace(found.base, problem=WithoutForce(found.base.problem, 0.0)), *asked)
+    assert none.expected_log_odds == 0.0 and none.bench == "do this"
+
+
+def test_the_odds_of_a_further_test_count_as_those_of_the_tests_do(kit):
+    """By the power with which scores of one test more do."""
+    found = kit.diagnosed("channel_delay").search
+    asked = found.data, found.fit({"channel_delay"}), found.base, ("channel_delay", "none"), [""], RigLimits()
+    plan = next_test(*asked)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(next_test_module, "coarsening", lambda tests: float(tests))
+        assert next_test(*asked).expected_log_odds == pytest.approx(
+            plan.expected_log_odds / coarsening(found.data.tests + 1) * (found.data.tests + 1)
+        )
+
+
+def test_what_the_slip_forces_imitate_is_not_testable(kit):
+    assert "rig_compliance" in kit.diagnosed(None).not_testable
 
 
 def test_where_no_test_separates_the_bench_is_named(kit):
@@ -107,15 +150,17 @@ def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
     fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("b"): "without"}
     place = Figures("a", 50.0, {"a": 0.0, "c": -2.0}, 0.4, 0.4, 0.4, moved=0.1, before=0.1, tests=4)
     search = SimpleNamespace(chosen=("a", "b"), fit=lambda names: fits[frozenset(names)], effects={})
-    found = SimpleNamespace(search=search, figures=(place,), sets={frozenset("a"): 1.0})
+    found = SimpleNamespace(search=search, figures=(place,))
     constants = SimpleNamespace(apart=30.0)
     monkeypatch.setattr(diagnosis, "next_test", lambda data, *asked: asked[:3])
-    verdict, campaign = SimpleNamespace(kind=Kind.EXPLAINED, one_of=()), SimpleNamespace(limits=None)
+    campaign = SimpleNamespace(limits=None)
+    verdict = SimpleNamespace(kind=Kind.EXPLAINED, one_of=(), names=("a",), probabilities={"a": 0.99})
     assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))
-    found.figures, found.sets = (replace(place, alternatives={"a": 0.0}),), {frozenset("a"): 0.8, frozenset("b"): 0.2}
+    found.figures, verdict.probabilities = (replace(place, alternatives={"a": 0.0}),), {"a": 0.8}
     assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "without", ("a", "none"))
+    verdict.names = ()
     for change in ({"odd": "it is too slow"}, {"held_out": 0.0}, {"fitted": 1e-3}):  # what no sentence says
-        found.figures, verdict.one_of = (replace(place, **change),), ()
+        found.figures, verdict.one_of, verdict.probabilities = (replace(place, **change),), (), {"a": 0.25}
         assert diagnosis._next(None, found, verdict, constants, campaign) is None
         verdict.one_of = (SimpleNamespace(names=("a", "c")),)
         assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))

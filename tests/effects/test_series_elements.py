@@ -152,6 +152,22 @@ def test_a_force_that_jumps_where_nothing_balances_it_is_no_number(kit):
     np.testing.assert_allclose(found[1], motion.displacement_mm[0] / 1.3, rtol=1e-8)
 
 
+@pytest.mark.parametrize(("kind", "passes"), [(mounting.RigCompliance, 9), (mounting.FreePlay, 9)])
+def test_a_loop_that_is_not_solved_leaves_the_others_their_force(kit, monkeypatch, kind, passes):
+    """A small and a large loop of one draw, of which as many passes solve one."""
+    effect, model = kind(kit.scales), Model(kit.reference)
+    motion = sine_motion(frequency_hz=[HZ, HZ], amplitude_mm=[0.003, 0.9])
+    given = {"compliance_mm_N": 0.05, "soft_ratio": 1.0, "soft_N": 1.0, "play_mm": 0.1, "softness": 1e-3}
+    own = effect.values_at(**{p.name.split(".")[1]: given[p.name.split(".")[1]] for p in effect.parameters})
+    asked = model, (effect,), kit.parameter_values(model) | own, motion
+    whole = recorded_force(*asked)[0]
+    monkeypatch.setattr(mounting, "MOST_PASSES", passes)
+    found = recorded_force(*asked)[0]
+    solved = np.isfinite(found).all(axis=1)
+    assert solved.sum() == 1 and np.isnan(found[~solved]).all()
+    np.testing.assert_allclose(found[solved], whole[solved], atol=1e-6)
+
+
 def test_a_play_in_a_specimen_that_forgets_no_reversal_is_solved_from_near_its_end(kit):
     """Masing: from a reversal on the force is the same function of the way moved, so half the play shifts where it
     crosses zero by half the play, less what the smaller stroke changes."""
