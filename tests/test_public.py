@@ -19,6 +19,7 @@ import pytest
 import bayes_iwan as bi
 from bayes_iwan.cli import main
 from bayes_iwan.errors import InputError
+from bayes_iwan.inference.results.reach import extrapolated
 from bayes_iwan.sampling.checkpoint import NAME
 
 ONE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
@@ -114,6 +115,21 @@ def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
         posterior.interval("kp_N")
     for figure in (posterior.plot.loop("f10_a1.csv"), bi.plot.corner(posterior)):
         assert figure.axes
+
+
+def test_what_is_printed_and_what_is_marked_come_from_all_draws(quick):
+    """The same quantiles on one screen as in the table, and the same marks, whatever the point estimate is."""
+    posterior, free = quick[0], quick[0].problem.prior.free
+    z = np.random.default_rng(3).standard_normal((2, 3200, posterior.ndim))
+    odd = np.array([p.score(np.array(1.5)) if p.name == "k1_N_mm" else 0.0 for p in free])
+    posterior = replace(posterior, z=z, log_prob=z[..., 0], walkers=64, point=replace(posterior.point, z=odd))
+    rows = {r.name: r for r in posterior.summary()}
+    for p in free:
+        row = rows[p.name]
+        assert f"{row.q50:10.4g}  ({row.q05:.4g} to {row.q95:.4g})" in str(posterior._shown()), p.name
+    marked = {name: row.reach for name, row in rows.items() if row.reach}
+    assert "kp_N_mm" in marked and marked == extrapolated(posterior.problem, posterior.flat_z())
+    assert f"kp_N_mm, k1_N_mm, mean_slip_force_N: {marked['kp_N_mm']}." in posterior.warnings()
 
 
 def test_a_prior_that_excludes_the_truth_and_a_wrong_fixed_value_are_said(made_up_campaign, tmp_path, capsys):

@@ -156,7 +156,7 @@ class Posterior:
 
     def _shown(self) -> list[str]:
         """Medians and 90 % intervals of the sampled parameters, and the residual, one line each."""
-        values = self.problem.prior.values(self.flat_z(4000))
+        values = self.problem.prior.values(self.flat_z())
         rows, units = [], self.problem.units
         for p in self.problem.prior.free:
             low, middle, high = np.quantile(values[p.name], [0.05, 0.5, 0.95])
@@ -216,7 +216,7 @@ class Posterior:
     @cached_property
     def extrapolated(self) -> dict[str, str]:
         """Why a quantity is extrapolated, by name, for those that the loops do not reach."""
-        return Named(extrapolated(self.problem, self.point.z))
+        return Named(extrapolated(self.problem, self.flat_z()))
 
     @cached_property
     def held_out(self) -> tuple[HeldOutFrequency, ...]:
