@@ -180,7 +180,7 @@ def _of_posterior(posterior: Posterior, draws: int) -> Source:
         campaign=posterior.campaign,
         method="first draws of a short run" if posterior.quick else "sampled posterior",
         seed=posterior.seed,
-        unexplained=(residual.rms_N, residual.share),
+        unexplained=(residual.gap_N, residual.gap_share),
     )
 
 
