@@ -150,10 +150,24 @@ class Comparison:
     entries: tuple[Entry, ...]
 
     def __repr__(self) -> str:
-        return screen((), self._ranking(), self._answers(), ".rows()")
+        return screen((), self._ranking(), (*self._answers(), *self.warnings()), ".rows()")
 
     def __str__(self) -> str:
-        return "\n".join([*self._ranking(), *self._answers()])
+        return "\n".join([*self._ranking(), *self._answers(), *self.warnings()])
+
+    @property
+    def converged(self) -> bool:
+        """Whether the chains of every family have."""
+        return all(e.posterior.converged for e in self.entries)
+
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader of the ranking must know, one sentence each."""
+        out, rows = [], self.rows()
+        if self.by == "loo" and (poor := sum(not r.loo_holds for r in rows)):
+            out.append(f"The Pareto k of {poor} families are too high: rank by held-out tests (--by tests).")
+        if short := [r.label for r in rows if not r.converged]:
+            out.append(f"Not converged, so that their density is some nats off: {', '.join(short)}.")
+        return Listed(out)
 
     def _ranking(self) -> list[str]:
         return [
