@@ -279,6 +279,7 @@ def test_a_simulator_of_ones_own_is_compared(made_up_campaign):
         (lambda p, c: bi.batch(c.parent, "out", quick=True, keep_chains=True), "leave quick or keep_chains"),
         (lambda p, c: bi.batch(None, "out"), "folder must be one path"),
         (lambda p, c: bi.batch(c.parent, "out", seed="a"), "seed must be a whole number"),
+        (lambda p, c: bi.demo("out", seed=1.5), "seed must be a whole number"),
         (lambda p, c: bi.load(None), "folder must be one path"),
         (lambda p, c: p.interval("kp_N_mm", 90), "level must be between 0 and 1, such as 0.9 for 90 %, not 90"),
         (lambda p, c: p.interval("kp_N_mm", -1), "level must be between 0 and 1"),
