@@ -1,10 +1,11 @@
 __version__: str
 __all__ = [
     "Campaign", "CampaignError", "Check", "Comparison", "ConfigError", "DiagnoseSettings", "Diagnosis", "Effect",
-    "IdentifySettings", "Loop", "Model", "Motion", "NotConverged", "Parameter", "PlannedTest", "Posterior", "Problem",
-    "Record", "Scales", "Simulator", "VirtualCampaign", "__version__", "batch", "check", "cite", "compare", "demo",
-    "diagnose", "diagnose_loops", "identify", "identify_loops", "identify_problem", "load", "make_problem", "plot",
-    "read_campaign", "settings_of", "simulate_campaign", "sine_motion", "write", "write_campaign",
+    "IdentifySettings", "InputError", "Loop", "Model", "Motion", "NotConverged", "Parameter", "PlannedTest",
+    "Posterior", "Problem", "Record", "Scales", "Simulator", "VirtualCampaign", "__version__", "batch", "check",
+    "cite", "compare", "demo", "diagnose", "diagnose_loops", "identify", "identify_loops", "identify_problem", "load",
+    "make_problem", "plot", "read_campaign", "settings_of", "simulate_campaign", "sine_motion", "write",
+    "write_campaign",
 ]  # fmt: skip
 
 from .api import Check, check, compare, diagnose, identify, load, write
@@ -13,6 +14,7 @@ from .comparison.families import Comparison
 from .diagnosis.answer.result import Diagnosis
 from .diagnosis.diagnosis import diagnose_loops
 from .effects.base import Effect
+from .errors import InputError
 from .inference.identify import NotConverged, identify_loops, identify_problem
 from .inference.results.posterior import Posterior
 from .inference.setup.config import ConfigError, settings_of

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bayes_iwan.arguments import CAMPAIGN, classes_of, path_of, seed_of
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.campaign.folders.check import Check as Check
 from bayes_iwan.campaign.folders.check import check as check
@@ -108,8 +109,11 @@ def identify(
     >>> bool((low <= high).all()), middle.shape
     (True, (1, 128))
     """
-    if per_test and (out is None or quick):
-        raise ConfigError("per_test writes files of sampled runs: name a folder for them (out), and leave quick away")
+    for option, asked in (("per_test", per_test), ("keep_chains", keep_chains)):
+        if asked and (out is None or quick):
+            raise ConfigError(
+                f"{option} writes files of sampled runs: name a folder for them (out), and leave quick away"
+            )
     with opened(workers, along=not per_test) as executor:
         identified = partial(
             identify_campaign, campaign, config=config, seed=seed, progress=progress, simulator=simulator, quick=quick,
@@ -211,8 +215,13 @@ def diagnose(
     """
     from bayes_iwan.diagnosis.answer.result import Diagnosis
     from bayes_iwan.diagnosis.diagnosis import diagnose_campaign
+    from bayes_iwan.effects.base import Effect
     from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
 
+    seed = seed_of(seed)
+    if not isinstance(campaign, Campaign):
+        path_of(campaign, "campaign", CAMPAIGN)
+    effects = classes_of(effects, "effects", Effect)
     setattr(Diagnosis, "export", export)  # noqa: B010  (as posteriors have it)
     diagnosed = diagnose_campaign if out is None else partial(write_diagnosis, out=out, overwrite=overwrite)
     return diagnosed(
@@ -226,7 +235,7 @@ def compare(
     campaign: Campaign | PathLike | Sequence[Loop],
     out: PathLike | None = None,
     *,
-    families: Sequence[str] | None = None,
+    families: str | Sequence[str] | None = None,
     config: Config = None,
     seed: int = 0,
     by: str = "auto",
@@ -244,7 +253,7 @@ def compare(
     out
         folder for compare.html and compare.csv; None writes nothing.
     families
-        names of :data:`bayes_iwan.comparison.families.FAMILIES` (default: all).
+        one name or several of :data:`bayes_iwan.comparison.families.FAMILIES` (default: all).
     config, seed
         as for :func:`identify`.
     by
@@ -339,7 +348,7 @@ def load(
     >>> model.force(bi.sine_motion(frequency_hz=10.0, amplitude_mm=0.5)).shape  # the point and three draws
     (4, 1, 128)
     """
-    path = Path(folder)
+    path = path_of(folder, "folder")
     if path.is_file() or (not (path / "posterior.nc").exists() and (path / "isolator.json").exists()):
         from bayes_iwan.export.json_file import read
 

@@ -161,6 +161,12 @@ def _linked(old: Path, new: Path) -> None:
         os.link(old, new)
 
 
+def refuse_campaign(folder: str | os.PathLike[str]) -> None:
+    """Raise OutputError for a campaign's own folder where results are to be written: its files are records."""
+    if (Path(folder) / "campaign.toml").exists():
+        raise OutputError(f"{folder}: is a campaign's own folder, which takes no results; name another (--out DIR)")
+
+
 @contextmanager
 def results_folder(
     out: str | os.PathLike[str], command: str, source: str | os.PathLike[str] | None, *, overwrite: bool = False
@@ -168,8 +174,10 @@ def results_folder(
     """:func:`owned`, for what `command` finds of the campaign (or folder of campaigns) in `source`, which is noted.
 
     source : None where data came from no folder; such results are never known for one's own.
-    Raises OutputError, before any work, where finished results of other data stand there and `overwrite` is False.
+    Raises OutputError, before any work, where finished results of other data stand there and `overwrite` is False, and
+    for a campaign's own folder.
     """
+    refuse_campaign(out)
     folder = Path(out)
     finished = folder / FINISHED[command]
     if finished.exists() and not overwrite:

@@ -31,7 +31,7 @@ INNER = {
     "diagnosis": ("fits", "search", "assessment", "answer"),
 }
 #: what every folder may use, and what the two that know no friction, and the independent rig, may use besides
-OPEN = {"arrays", "errors", "executors", "files", "former_names", "screen", "terminal", "threads"}
+OPEN = {"arguments", "arrays", "errors", "executors", "files", "former_names", "screen", "terminal", "threads"}
 ALONE = {"fitting": set(), "sampling": set(), "virtual_rig": {"campaign"}}
 FILES = sorted(p.relative_to(PACKAGE) for p in PACKAGE.rglob("*.py"))
 

@@ -19,6 +19,7 @@ import pytest
 import bayes_iwan as bi
 from bayes_iwan.cli import main
 from bayes_iwan.errors import InputError
+from bayes_iwan.inference.results.reach import extrapolated
 from bayes_iwan.sampling.checkpoint import NAME
 
 ONE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
@@ -60,7 +61,7 @@ def test_what_is_handed_out_says_what_it_takes_and_shows_it(name):
         returns = set() if inspect.signature(found).return_annotation in ("None", None) else {"Returns"}
         wanted = {"Examples"} | returns
         wanted |= {"Parameters"} if inspect.signature(found).parameters else set()
-        wanted |= {"Raises"} if name not in ("sine_motion", "cite") else set()
+        wanted |= {"Raises"} if name != "cite" else set()
     elif issubclass(found, Exception):
         wanted = set()
     else:
@@ -114,6 +115,21 @@ def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
         posterior.interval("kp_N")
     for figure in (posterior.plot.loop("f10_a1.csv"), bi.plot.corner(posterior)):
         assert figure.axes
+
+
+def test_what_is_printed_and_what_is_marked_come_from_all_draws(quick):
+    """The same quantiles on one screen as in the table, and the same marks, whatever the point estimate is."""
+    posterior, free = quick[0], quick[0].problem.prior.free
+    z = np.random.default_rng(3).standard_normal((2, 3200, posterior.ndim))
+    odd = np.array([p.score(np.array(1.5)) if p.name == "k1_N_mm" else 0.0 for p in free])
+    posterior = replace(posterior, z=z, log_prob=z[..., 0], walkers=64, point=replace(posterior.point, z=odd))
+    rows = {r.name: r for r in posterior.summary()}
+    for p in free:
+        row = rows[p.name]
+        assert f"{row.q50:10.4g}  ({row.q05:.4g} to {row.q95:.4g})" in str(posterior._shown()), p.name
+    marked = {name: row.reach for name, row in rows.items() if row.reach}
+    assert "kp_N_mm" in marked and marked == extrapolated(posterior.problem, posterior.flat_z())
+    assert f"kp_N_mm, k1_N_mm, mean_slip_force_N: {marked['kp_N_mm']}." in posterior.warnings()
 
 
 def test_a_prior_that_excludes_the_truth_and_a_wrong_fixed_value_are_said(made_up_campaign, tmp_path, capsys):
@@ -240,6 +256,61 @@ def test_a_simulator_of_ones_own_is_compared(made_up_campaign):
     }
     found = bi.compare(made_up_campaign, families=["gamma1"], simulator=file, config=short, by="loo", progress=False)
     assert {row.name for row in found.rows()} == {"gamma1", "dahl"}
+
+
+@pytest.mark.parametrize(
+    ("mistake", "said"),
+    [
+        (lambda p, c: bi.diagnose(c, effects=["viscous_damping"]), "effects must be classes .* not 'viscous_damping'"),
+        (lambda p, c: bi.diagnose(c, effects=5), "effects must be classes of your own"),
+        (lambda p, c: bi.diagnose(c, seed=1.5), "seed must be a whole number"),
+        (lambda p, c: bi.diagnose(None), "campaign must be one campaign"),
+        (lambda p, c: bi.compare(c, families="gamma1"), "at least two families, not gamma1"),
+        (lambda p, c: bi.compare(c, seed="a"), "seed must be a whole number"),
+        (lambda p, c: bi.compare([c, c]), "campaign must be one campaign"),
+        (lambda p, c: bi.identify(c, seed="a"), "seed must be a whole number, 0 to .* not 'a'"),
+        (lambda p, c: bi.identify(c, seed=1.5), "seed must be a whole number, 0 to .* not 1.5"),
+        (lambda p, c: bi.identify_problem(p.problem, -1), "seed must be a whole number, 0 to .* not -1"),
+        (lambda p, c: bi.identify(None), "campaign must be one campaign"),
+        (lambda p, c: bi.identify(5), "campaign must be one campaign"),
+        (lambda p, c: bi.identify([c, c]), "campaign must be one campaign"),
+        (lambda p, c: bi.identify(c, config=[1]), r"config must be a TOML file's path.* not \[1\]"),
+        (lambda p, c: bi.identify(c, "out", quick=True, keep_chains=True), "keep_chains writes .* leave quick away"),
+        (lambda p, c: bi.batch(c.parent, "out", quick=True, keep_chains=True), "leave quick or keep_chains"),
+        (lambda p, c: bi.batch(None, "out"), "folder must be one path"),
+        (lambda p, c: bi.batch(c.parent, "out", seed="a"), "seed must be a whole number"),
+        (lambda p, c: bi.demo("out", seed=1.5), "seed must be a whole number"),
+        (lambda p, c: bi.load(None), "folder must be one path"),
+        (lambda p, c: p.interval("kp_N_mm", 90), "level must be between 0 and 1, such as 0.9 for 90 %, not 90"),
+        (lambda p, c: p.interval("kp_N_mm", -1), "level must be between 0 and 1"),
+        (lambda p, c: p.predict(10.0, 0.6).band(90), "level must be between 0 and 1"),
+        (lambda p, c: p.predict(10.0, 0.6, n=0), "n must be a whole number, 1 or more, not 0"),
+        (lambda p, c: p.predict(10.0, 0.6, samples=0), "samples must be a whole number, 8 or more, not 0"),
+        (lambda p, c: p.predict(10.0, 0.6, samples=3), "samples must be a whole number, 8 or more, not 3"),
+        (lambda p, c: bi.sine_motion(frequency_hz=0, amplitude_mm=1), "frequency_hz = 0: it must be a positive"),
+        (lambda p, c: bi.plot.loops("results"), "not of a path; bi.load\\('results'\\) reads one"),
+    ],
+)
+def test_a_wrong_argument_is_named_in_one_line(quick, made_up_campaign, tmp_path, monkeypatch, mistake, said):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(bi.InputError, match=said) as caught:
+        mistake(quick[0], made_up_campaign)
+    assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())
+
+
+def test_a_campaign_s_own_folder_takes_no_results(quick, made_up_campaign, capsys):
+    before = sorted(made_up_campaign.iterdir())
+    for write in (
+        lambda: bi.identify(made_up_campaign, made_up_campaign, quick=True),
+        lambda: bi.diagnose(made_up_campaign, made_up_campaign, quick=True),
+        lambda: bi.compare(made_up_campaign, made_up_campaign),
+        lambda: bi.write(quick[0], made_up_campaign),
+        lambda: quick[0].export("json", made_up_campaign),
+    ):
+        with pytest.raises(bi.InputError, match="is a campaign's own folder, which takes no results"):
+            write()
+    assert main(["identify", str(made_up_campaign), "--out", str(made_up_campaign)]) == 2
+    assert "takes no results" in capsys.readouterr().err and sorted(made_up_campaign.iterdir()) == before
 
 
 def test_a_defect_of_ours_is_not_called_the_user_s_mistake(monkeypatch, capsys, made_up_campaign):

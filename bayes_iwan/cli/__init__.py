@@ -21,6 +21,7 @@ from bayes_iwan.cli import campaigns, modelling, withheld
 from bayes_iwan.cli.command import LOG, Command, quoted, say
 from bayes_iwan.cli.runs import RunLog, refuse_other_shells, refuse_recordings
 from bayes_iwan.errors import InputError, nearest
+from bayes_iwan.files import refuse_campaign
 from bayes_iwan.terminal import terminate_as_interrupt
 
 #: exit code (EX_SOFTWARE of sysexits.h)
@@ -146,6 +147,7 @@ def _prepare(args: argparse.Namespace, log: RunLog) -> None:
         source = getattr(args, "folder", source)
         if args.out is None:
             args.out = f"{Path(str(source)).resolve().name}-{getattr(args, 'to', args.command)}"
+        refuse_campaign(args.out)  # no log is written there either
         if args.verbose:
             say(f"{source} -> {args.out}")
     if getattr(args, "out", None):

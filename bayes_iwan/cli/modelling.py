@@ -149,13 +149,14 @@ def run_report(args: argparse.Namespace) -> None:
     workers(),
     examples=("bayes-iwan compare campaign --out families",),
 )
-def run_compare(args: argparse.Namespace) -> None:
+def run_compare(args: argparse.Namespace) -> int:
     from bayes_iwan import compare
 
     options = given(args, "families config seed overwrite by simulator workers")
     result = compare(args.campaign, args.out, **options)
     say(str(result))
     say(f"results are in {args.out}; open {Path(args.out) / 'compare.html'}")
+    return 0 if result.converged else 3
 
 
 @command(

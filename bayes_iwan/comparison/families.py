@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan import executors, former_names
+from bayes_iwan.arguments import CAMPAIGN, path_of, seed_of
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
-from bayes_iwan.errors import InputError, nearest
+from bayes_iwan.errors import InputError, few, nearest
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import Config, settings_of
@@ -150,10 +151,24 @@ class Comparison:
     entries: tuple[Entry, ...]
 
     def __repr__(self) -> str:
-        return screen((), self._ranking(), self._answers(), ".rows()")
+        return screen((), self._ranking(), (*self._answers(), *self.warnings()), ".rows()")
 
     def __str__(self) -> str:
-        return "\n".join([*self._ranking(), *self._answers()])
+        return "\n".join([*self._ranking(), *self._answers(), *self.warnings()])
+
+    @property
+    def converged(self) -> bool:
+        """Whether the chains of every family have."""
+        return all(e.posterior.converged for e in self.entries)
+
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader of the ranking must know, one sentence each."""
+        out, rows = [], self.rows()
+        if self.by == "loo" and (poor := sum(not r.loo_holds for r in rows)):
+            out.append(f"The Pareto k of {poor} families are too high: rank by held-out tests (--by tests).")
+        if short := [r.label for r in rows if not r.converged]:
+            out.append(f"Not converged, so that their density is some nats off: {', '.join(short)}.")
+        return Listed(out)
 
     def _ranking(self) -> list[str]:
         return [
@@ -210,7 +225,7 @@ class Comparison:
 
 def compare_families(
     campaign: Campaign | str | os.PathLike[str] | Sequence[Loop],
-    families: Sequence[str] | None = None,
+    families: str | Sequence[str] | None = None,
     *,
     config: Config = None,
     seed: int = 0,
@@ -231,16 +246,17 @@ def compare_families(
     own = load_simulator(simulator) if isinstance(simulator, str | os.PathLike) else simulator
     mine = {} if own is None else {own.name: Family(own.name, f"{own.name} (your own)", simulator=own)}
     known = mine | FAMILIES
-    names = list(known) if families is None else list(families)
+    names = list(known) if families is None else [families] if isinstance(families, str) else list(families)
     names = [*(n for n in mine if n not in names), *names]
     for name in names:
         if name not in known:
             said = former_names.renamed(name, former_names.FAMILIES)
             raise CompareError(f"{name} {said}" if said else f"no family {name!r}{nearest(name, known)}")
     if len(set(names)) < 2:
-        raise CompareError("a comparison needs at least two families")
+        raise CompareError(f"a comparison needs at least two families, not {few(names) or 'none'}; name another")
     if by not in (ways := ("auto", "loo", "tests")):
         raise CompareError(f"by = {by!r} is not known{nearest(by, ways)}")
+    seed = seed_of(seed)
     settings = settings_of(config, {"model": "since each family has its own"})
     if settings.search == SearchSettings():
         settings = replace(settings, search=SHORT.search)
@@ -267,10 +283,10 @@ def compare_families(
 def _loops(
     campaign: Campaign | str | os.PathLike[str] | Sequence[Loop], settings: IdentifySettings
 ) -> tuple[Campaign | None, tuple[Loop, ...]]:
-    if isinstance(campaign, str | os.PathLike):
-        campaign = read_campaign(campaign)
-    if not isinstance(campaign, Campaign):
+    if isinstance(campaign, list | tuple) and all(isinstance(x, Loop) for x in campaign):
         return None, tuple(campaign)
+    if not isinstance(campaign, Campaign):
+        campaign = read_campaign(path_of(campaign, "campaign", f"{CAMPAIGN}, or averaged loops"))
     return campaign, campaign.loops(**asdict(settings.loops))
 
 

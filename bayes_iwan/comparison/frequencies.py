@@ -206,7 +206,7 @@ def agreement(
 def determined_names(joint: Posterior) -> tuple[str, ...]:
     """Scalars of the joint posterior that loops determine: physical parameters and slip-force quantiles."""
     problem = joint.problem
-    variance = dict(zip(problem.names, np.var(joint.flat_z(4000), axis=0)))
+    variance = dict(zip(problem.names, np.var(joint.flat_z(), axis=0)))
     bounded = at_a_bound(joint)
     # numbers of the slip forces' density trade off against each other; its mean and quantiles stand for them
     shapes = ("eta", "share_", "slip_")

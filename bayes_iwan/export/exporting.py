@@ -17,7 +17,7 @@ from bayes_iwan.errors import nearest
 from bayes_iwan.export import c_code, fmu, json_file, opensees
 from bayes_iwan.export.card import Card, card_of
 from bayes_iwan.export.device import Device, ExportError, Source, device_of
-from bayes_iwan.files import finite, reading, swapped, write_whole
+from bayes_iwan.files import finite, reading, refuse_campaign, swapped, write_whole
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.models import Model
@@ -89,6 +89,7 @@ def export(
         raise ExportError(f"draws must be 0 or more, not {draws}")
     if to != "opensees" and (approximate or error is not None):
         raise ExportError(f"approximate and error are for opensees alone, not for {to}; leave them out")
+    refuse_campaign(out)
     source = source_of(result, draws, campaign, simulator)
     made, card = files_of(source, to, approximate, opensees.ERROR if error is None else error)
     made = made | {CARD_TEXT: card.text() + "\n", CARD_JSON: json.dumps(finite(card.to_dict()), indent=1) + "\n"}
@@ -180,7 +181,7 @@ def _of_posterior(posterior: Posterior, draws: int) -> Source:
         campaign=posterior.campaign,
         method="first draws of a short run" if posterior.quick else "sampled posterior",
         seed=posterior.seed,
-        unexplained=(residual.rms_N, residual.share),
+        unexplained=(residual.gap_N, residual.gap_share),
     )
 
 

@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from bayes_iwan.arguments import CAMPAIGN, path_of, seed_of
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.executors import Workers, opened
 from bayes_iwan.former_names import refuse_former_options
 from bayes_iwan.inference.results import run_files
 from bayes_iwan.inference.results.posterior import ConvergenceRow, Posterior
-from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
+from bayes_iwan.inference.setup.config import Config, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
@@ -55,7 +56,7 @@ def identify_campaign(
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all InputErrors of one line.
     """
     settings = _settings_for(config, simulator)
-    read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    read = campaign if isinstance(campaign, Campaign) else read_campaign(path_of(campaign, "campaign", CAMPAIGN))
     loops = read.loops(**asdict(settings.loops))
     posterior = identify_loops(loops, config=settings, campaign=read, out=out, simulator=simulator, **options)
     if out is not None:
@@ -114,8 +115,7 @@ def identify_loops(
     >>> len(posterior.problem.loops)
     2
     """
-    if not 0 <= seed < 2**63:
-        raise ConfigError(f"seed {seed} cannot be kept in files; give one from 0 to {2**63 - 1}")
+    seed = seed_of(seed)
     settings, simulator_file = _settings_for(config, simulator), ""
     if isinstance(simulator, str | os.PathLike):
         simulator_file, simulator = str(Path(simulator).resolve()), load_simulator(simulator)
@@ -197,7 +197,7 @@ def identify_problem(
     >>> posterior.ndim == problem.ndim, bool(posterior.residual_size().share < 0.1)
     (True, True)
     """
-    settings = settings_of(config)
+    settings, seed = settings_of(config), seed_of(seed)
     began = time.monotonic()
     search = QUICK_SEARCH if quick and settings.search == SearchSettings() else settings.search
     # threads do nothing for such small matrices but wait for each other, and would round sums in another order

@@ -9,12 +9,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bayes_iwan.arguments import positive, whole
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE
 from bayes_iwan.screen import on_screen
 
 #: penetration y = max(A − u, Y_FLOOR·A): Eq. (11)'s |A − u|^β would vanish, or jump, at the end of the stroke
 Y_FLOOR = 0.01
+#: fewer points a cycle than a campaign may have do not show where a loop turns
+LEAST_SAMPLES = int(FEWEST_PER_CYCLE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,12 +123,17 @@ def sine_motion(*, frequency_hz: ArrayLike, amplitude_mm: ArrayLike, samples: in
         scalars or (loops,), one loop a pair; named, since both are plain numbers and an
         exchanged pair would still give a motion.
     samples
-        points a cycle.
+        points a cycle, 8 or more.
 
     Returns
     -------
     Motion
         u = A sin ωt with its velocity and acceleration, (1, loops, samples).
+
+    Raises
+    ------
+    InputError
+        a frequency or amplitude that is not positive, too few samples.
 
     Examples
     --------
@@ -133,7 +142,10 @@ def sine_motion(*, frequency_hz: ArrayLike, amplitude_mm: ArrayLike, samples: in
     >>> motion.displacement_mm.shape, float(motion.displacement_mm.max())
     ((1, 2, 64), 0.5)
     """
-    a, f = np.broadcast_arrays(np.atleast_1d(np.asarray(amplitude_mm, float)), np.asarray(frequency_hz, float))
+    samples = whole(samples, "samples", LEAST_SAMPLES)
+    a, f = np.broadcast_arrays(
+        np.atleast_1d(positive(amplitude_mm, "amplitude_mm")), positive(frequency_hz, "frequency_hz")
+    )
     phase = 2.0 * np.pi * np.arange(samples) / samples
     omega = 2.0 * np.pi * f[:, None]
     u = a[:, None] * np.sin(phase)

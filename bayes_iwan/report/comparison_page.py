@@ -93,12 +93,7 @@ class Answer(ComparisonSection):
         elif others:
             worse = -others[0].difference
             said += f" Every other one predicts worse, the next ({others[0].label}) by {worse:.0f} nats."
-        found = [Finding(said[0].upper() + said[1:], True)]
-        if self.r.by == "loo" and (poor := sum(not r.loo_holds for r in rows)):
-            found.append(Finding(f"The Pareto k of {poor} families are too high: rank by held-out tests (--by tests)."))
-        if short := [r.label for r in rows if not r.converged]:
-            found.append(Finding(f"Not converged, so that their density is some nats off: {', '.join(short)}."))
-        return found
+        return [Finding(said[0].upper() + said[1:], True), *map(Finding, self.r.warnings())]
 
 
 class Ranking(ComparisonSection):

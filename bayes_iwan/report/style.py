@@ -151,6 +151,8 @@ def styled(make: F) -> F:
         width = width if width is None else WIDTHS.get(width, width)
         if isinstance(width, str):
             raise StyleError(f"width={width!r}: a number of inches, or a name{nearest(width, WIDTHS)}")
+        if args and isinstance(args[0], str | os.PathLike):
+            raise InputError(f"a figure is drawn of a result, not of a path; bi.load({str(args[0])!r}) reads one")
         given = None if ax is None else tuple(np.asarray(ax, dtype=object).ravel())
         outer = _WISH.get()
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bayes_iwan.arguments import seed_of
 from bayes_iwan.campaign import Campaign, Record, read_campaign, write_campaign
 from bayes_iwan.screen import on_screen
 from bayes_iwan.virtual_rig.fault import Fault
@@ -104,6 +105,7 @@ def simulate_campaign(
     """
     if not tests:
         raise RigError("a campaign needs at least one test")
+    seed = seed_of(seed)
     rig = VirtualRig(specimen or paper_specimen(seed=seed), setup or Setup(), seed=seed)
     sound = surroundings(rig, tests)
     faults: tuple[Fault, ...] = ()

@@ -17,7 +17,8 @@ from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
 from bayes_iwan.effects.measuring_chain import ChannelDelay
 from bayes_iwan.effects.specimen_forces import ViscousDamping
 from bayes_iwan.export import TARGETS, ExportError, export, exporting
-from bayes_iwan.inference.results.posterior import Stop
+from bayes_iwan.inference.results.posterior import Posterior, Stop
+from bayes_iwan.inference.results.predictions import ResidualSize
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import ModelSettings
 from bayes_iwan.models import Simulator
@@ -48,7 +49,7 @@ def test_the_command_writes_a_target_and_says_what_is_in_it(run_folder, tmp_path
     assert card["schema"] == 1 and card["draws"] == 3 and card["effects"] == {}
     assert card["frequency_hz"] == pytest.approx([10.0, 10.0], rel=1e-3)
     assert card["amplitude_mm"] == pytest.approx([0.3, 1.0], rel=1e-2)
-    assert "force_zero" in card["omitted"] and card["unexplained_N"] > 0.0
+    assert "force_zero" in card["omitted"]
     source = (tmp_path / "isolator.c").read_text()
     assert "#define ISOLATOR_SETS 4" in source and source.isascii()
     assert main(["export", str(run_folder), "--to", "json", "--out", str(tmp_path)]) == 0
@@ -58,6 +59,13 @@ def test_the_command_writes_a_target_and_says_what_is_in_it(run_folder, tmp_path
         "model_card.json",
         "model_card.txt",
     ]
+
+
+def test_what_is_unexplained_is_the_gap_beyond_noise(posterior, monkeypatch):
+    """As identify says it."""
+    size = ResidualSize(rms_N=0.02, share=0.005, gap_N=0.01, gap_share=0.002)
+    monkeypatch.setattr(Posterior, "residual_size", lambda self: size)
+    assert exporting.source_of(posterior, 1, None, None).unexplained == (0.01, 0.002)
 
 
 def test_without_draws_it_is_the_point_alone(posterior, tmp_path):

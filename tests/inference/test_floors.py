@@ -6,7 +6,8 @@ import pytest
 from bayes_iwan.campaign import average
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search.base_fit import fit_base
-from bayes_iwan.inference.results.floors import floors_at, floors_said
+from bayes_iwan.inference.results import floors as module
+from bayes_iwan.inference.results.floors import Floors, floors_at, floors_said
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
@@ -83,6 +84,13 @@ def test_the_end_of_the_stroke_is_that_of_the_test_where_it_matters_most(known):
     problem = make_problem(known.loops(tests=((10.0, 0.5), (10.0, 3.0))))
     floors = floors_at(problem, known.true_z(problem)[0])
     assert floors.printed_at_end == pytest.approx(1.0 - 0.6 * 3.0**0.6, rel=1e-2)
+
+
+@pytest.mark.parametrize(("slip", "advice"), [("gamma1", "Try gamma3."), ("gamma3", "show.")])
+def test_a_form_of_more_components_is_advised_where_there_is_one(known, monkeypatch, slip, advice):
+    monkeypatch.setattr(module, "floors_at", lambda *_: Floors({}, negative=0.05))
+    (said,) = floors_said(make_problem(known.loops(), {"model": {"slip": slip}}), np.zeros(1))
+    assert f"({slip}) is far from what the loops show." in said and said.endswith(advice)
 
 
 def test_a_simulator_without_a_normal_force_has_no_floors(known):

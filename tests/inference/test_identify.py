@@ -12,6 +12,7 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.campaign import write_campaign
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.each_frequency import FrequencyError, identify_frequencies
 from bayes_iwan.inference.identify import _posterior, identify_campaign, identify_loops, identify_problem
 from bayes_iwan.inference.results import run_files
@@ -290,7 +291,7 @@ def test_drawn_loops_are_identified_without_a_folder(small_loops):
 
 @pytest.mark.parametrize("seed", [-1, 2**63])
 def test_a_seed_that_files_cannot_keep_is_refused(small_loops, seed):
-    with pytest.raises(ConfigError, match=f"seed {seed} cannot be kept"):
+    with pytest.raises(InputError, match=f"seed must be a whole number, 0 to .* not {seed}"):
         identify_loops(small_loops, config=SMALL, seed=seed, quick=True, progress=False)
 
 

@@ -8,10 +8,10 @@ import pytest
 from scipy import stats
 
 from bayes_iwan.campaign.recording.units import Units
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.predictions import (
     Extrapolation,
     Prediction,
-    PredictionError,
     predicted_at,
     replicated,
     residual_size,
@@ -90,7 +90,7 @@ def test_bands_are_central_quantiles_of_the_draws():
     ],
 )
 def test_what_means_nothing_is_refused(predict, f, a, said):
-    with pytest.raises(PredictionError, match=said):
+    with pytest.raises(InputError, match=said):
         predict(f, a)
 
 

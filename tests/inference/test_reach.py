@@ -1,5 +1,7 @@
 """What the loops reach is what amplitudes and trusted harmonics allow; what lies beyond is said to be extrapolated."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -54,10 +56,10 @@ def test_what_never_slips_leaves_kp_and_the_slip_forces_to_the_family(simple, k1
     z = at(simple, k1_N_mm)
     assert reach_of(simple, z).never_slip == pytest.approx(share, rel=0.02, abs=1e-6)
     found = extrapolated(simple, z)
-    assert ({"kp_N_mm", "mean_slip_force_N"} <= set(found)) == (share > 1e-3)
+    assert ({"kp_N_mm", "k1_N_mm", "mean_slip_force_N"} <= set(found)) == (share > 1e-3)
     if share > 1e-3:
         assert f"{100 * share:.2g} % of the elements never slip at the largest amplitude, 1 mm" in found["kp_N_mm"]
-        assert "would determine it" in found["kp_N_mm"]
+        assert "are needed" in found["kp_N_mm"]
         above = stats.gamma(ETA, scale=MEAN_N / ETA).ppf(0.95) > k1_N_mm
         assert ("slip_force_q95_N" in found) == above
     else:
@@ -69,6 +71,17 @@ def test_draws_are_asked_for_the_expected_share(simple):
     one = reach_of(simple, z[1]).never_slip
     assert reach_of(simple, z).never_slip == pytest.approx(0.5 * one, rel=1e-3)
     assert "kp_N_mm" in extrapolated(simple, z)
+
+
+@pytest.mark.parametrize("k1_N_mm", [[4.0, 4.0], [5.3, 5.3], [9.0, 4.5], [14.0, 14.0, 14.0, 1.5]])
+def test_larger_tests_are_asked_for_where_elements_never_slip(simple, k1_N_mm):
+    """At the amplitude that leaves the mean share, larger as it is printed too, where half the draws need none."""
+    reach = reach_of(simple, z := np.stack([at(simple, k1) for k1 in k1_N_mm]))
+    gamma, largest = stats.gamma(ETA, scale=MEAN_N / ETA), reach.amplitudes_mm[1]
+    assert reach.never_slip > 1e-3 and reach.needed_mm > largest
+    assert np.mean(gamma.sf(np.array(k1_N_mm) * reach.needed_mm)) == pytest.approx(1e-3, rel=0.05)
+    shown, needed = map(float, re.findall(r"(\S+) mm", extrapolated(simple, z)["kp_N_mm"]))
+    assert needed > shown == pytest.approx(largest, rel=1e-2)
 
 
 @pytest.mark.parametrize("coarse", [1.0, 60.0])

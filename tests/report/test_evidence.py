@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from bayes_iwan.cli import main
 from bayes_iwan.comparison import loo
 from bayes_iwan.comparison.families import CompareError, compare_families
 from bayes_iwan.comparison.frequencies import compare_frequencies
@@ -104,6 +106,22 @@ def test_page_and_table_of_a_comparison(comparison, tmp_path):
         rows = list(csv.DictReader(file))
     assert [r["family"] for r in rows] == ["gamma1", "constant_normal_force"] and float(rows[1]["difference"]) < 0
     assert len(ranking_figure(comparison).axes) == 2
+
+
+@pytest.mark.parametrize(("by", "k", "converged"), [("loo", 0.9, True), ("tests", 0.9, False), ("loo", 0.1, True)])
+def test_terminal_and_page_say_what_is_not_to_be_trusted(comparison, tmp_path, monkeypatch, capsys, by, k, converged):
+    def as_if(entry):
+        loo = replace(entry.loo, pareto_k=np.full_like(entry.loo.pareto_k, k))
+        return replace(entry, loo=loo, posterior=replace(entry.posterior, converged=converged))
+
+    found = replace(comparison, by=by, entries=tuple(map(as_if, comparison.entries)))
+    monkeypatch.setattr("bayes_iwan.compare", lambda *args, **options: found)
+    assert main(["compare", str(tmp_path), "--out", str(tmp_path)]) == (0 if converged else 3)
+    page = comparison_report(found, tmp_path).read_text(encoding="utf-8")
+    for text in (capsys.readouterr().out, repr(found), page):
+        said = " ".join(text.split())
+        assert ("The Pareto k of 2 families are too high" in said) == (by == "loo" and k > 0.7)
+        assert ("Not converged, so that their density is some nats off: one-gamma" in said) == (not converged)
 
 
 def test_bad_requests_are_refused(posterior):

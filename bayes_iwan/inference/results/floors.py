@@ -15,6 +15,8 @@ from bayes_iwan.models.simulator import inner_effects
 SAID = 0.1
 #: a negative density is said where it takes back more than this share of the elements
 NEGATIVE = 0.01
+#: the form of slip forces of most components, which is advised where another one is too narrow
+MOST_COMPONENTS = "gamma3"
 _NODES = 400  # at which the slip forces' survival is read
 
 
@@ -68,9 +70,11 @@ def floors_said(problem: Problem, z: Array) -> tuple[str, ...]:
             "is the model's assumption: check slip forces by tests that keep contact."
         )
     if floors.negative > NEGATIVE:
+        form = problem.model.name.split("/")[0]
         out.append(
             f"The slip forces' density is negative over {100.0 * floors.negative:.2g} % of the elements: their form "
-            f"({problem.model.name.split('/')[0]}) is far from what the loops show. Try one of more components."
+            f"({form}) is far from what the loops show."
+            + ("" if form == MOST_COMPONENTS else f" Try {MOST_COMPONENTS}.")
         )
     if abs(floors.alpha_at_end - max(floors.printed_at_end, ALPHA_FLOOR)) > SAID:
         out.append(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayes_iwan.arguments import level_of, whole
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.errors import InputError, nearest
@@ -156,7 +157,7 @@ class Posterior:
 
     def _shown(self) -> list[str]:
         """Medians and 90 % intervals of the sampled parameters, and the residual, one line each."""
-        values = self.problem.prior.values(self.flat_z(4000))
+        values = self.problem.prior.values(self.flat_z())
         rows, units = [], self.problem.units
         for p in self.problem.prior.free:
             low, middle, high = np.quantile(values[p.name], [0.05, 0.5, 0.95])
@@ -184,12 +185,12 @@ class Posterior:
         """Whether sampling was ended by Ctrl-C."""
         return self.stop is Stop.INTERRUPTED
 
-    def flat_z(self, most: int | None = None) -> Array:
-        """Draws of all chains, (n, ndim), evenly thinned to at most `most`."""
+    def flat_z(self, n: int | None = None) -> Array:
+        """Draws of all chains, (draws, ndim), evenly thinned to at most n."""
         z = self.z.reshape(-1, self.ndim)
-        if most is None or most >= len(z):
+        if n is None or whole(n, "n", 1) >= len(z):
             return z
-        return z[np.linspace(0, len(z) - 1, most).round().astype(int)]
+        return z[np.linspace(0, len(z) - 1, n).round().astype(int)]
 
     def values(self) -> dict[str, Array]:
         """Every parameter's value by name, (n,), fixed and tied ones included."""
@@ -216,7 +217,7 @@ class Posterior:
     @cached_property
     def extrapolated(self) -> dict[str, str]:
         """Why a quantity is extrapolated, by name, for those that the loops do not reach."""
-        return Named(extrapolated(self.problem, self.point.z))
+        return Named(extrapolated(self.problem, self.flat_z()))
 
     @cached_property
     def held_out(self) -> tuple[HeldOutFrequency, ...]:
@@ -226,6 +227,7 @@ class Posterior:
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """The central interval (low, high) of a quantity named as in :meth:`summary`, in its unit: quantiles of its
         draws; nan where none is finite. Raises InputError where there is no quantity of this name."""
+        level = level_of(level)
         low, high = self._quantiles(name, 0.5 * (1.0 - level), 0.5 * (1.0 + level))
         return low, high
 
@@ -281,8 +283,8 @@ class Posterior:
         """Loops at other frequencies and amplitudes, steady sines, by n draws; `.band(level)` gives their bands.
 
         frequency_hz, amplitude_mm : one or several, broadcast against each other to (loops,); a frequency of None where
-        the tests have no clock. Raises PredictionError for what is not positive, and for an amplitude or speed of more
-        than 5 times the largest tested; warns of what no test was near.
+        the tests have no clock. Raises InputError for what is not positive, and for an amplitude or speed of more than
+        5 times the largest tested; warns of what no test was near.
         """
         return predicted_at(self.problem, self.flat_z(n), frequency_hz, amplitude_mm, samples)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_iwan.arguments import level_of
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ
@@ -49,6 +50,7 @@ class Prediction:
 
     def band(self, level: float = 0.9) -> tuple[Array, Array, Array]:
         """Lower end, median and upper end of the central interval, (loops, samples) each, N."""
+        level = level_of(level)
         low, middle, high = np.quantile(self.force_N, [0.5 - level / 2, 0.5, 0.5 + level / 2], axis=0)
         return low, middle, high
 
@@ -70,9 +72,9 @@ def predicted_at(
 ) -> Prediction:
     """Steady sines of (loops,) frequencies and amplitudes, broadcast against each other, by the draws z (draws, ndim).
 
-    Warns Extrapolation where a test was at no such amplitude, peak speed or frequency. Raises PredictionError for what
-    is not positive, for amplitudes or speeds of more than REFUSED times the largest tested, and for a frequency where
-    the tests have no clock (it is None then).
+    Warns Extrapolation where a test was at no such amplitude, peak speed or frequency. Raises InputError for
+    what is not positive, and PredictionError for amplitudes or speeds of more than REFUSED times the largest tested and
+    for a frequency where the tests have no clock (it is None then).
     """
     clock = problem.loops[0].record.clock
     if clock == (frequency_hz is None):
@@ -83,14 +85,10 @@ def predicted_at(
         )
     frequency_hz = WITHOUT_CLOCK_HZ if frequency_hz is None else frequency_hz
     f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
-    for name, values in (("frequency_hz", f), ("amplitude_mm", a)):
-        sound = np.isfinite(values) & (values > 0.0)
-        if not sound.all():
-            raise PredictionError(f"{name} = {values[~sound][0]:g}: it must be a positive number")
+    motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=samples)
     beyond = tuple(_beyond(problem, float(x), float(y)) for x, y in zip(f, a))
     for said in sorted({b for b in beyond if b}):
         warnings.warn(f"extrapolated: {said}", Extrapolation, stacklevel=3)
-    motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=samples)
     return Prediction(
         f if clock else None, a, motion.displacement_mm[0], problem.predict(z, motion), problem.units, beyond
     )

@@ -4,7 +4,8 @@ extrapolates.
 After a reversal the displacement must move by the finest step that the trusted harmonics resolve before anything is
 seen, so elements of the least slip forces cannot be distinguished from ones that slip at once. Elements of the largest
 slip forces never slip at the largest amplitude: they act as a spring beside the parallel one, and only the family of
-slip forces says which part of the spring they are. So kp and the mean slip force are as good as that family is.
+slip forces says which part of the spring they are. So kp and k(1), of which the loops determine the sum alone, and the
+mean slip force are as good as that family is.
 """
 
 import math
@@ -18,8 +19,10 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import SLIP_SHARES
 from bayes_iwan.models import Model
 
-#: where more of the elements than this never slip, kp and the mean slip force are called extrapolated
-NEVER_SLIP = 1e-3
+#: what elements that never slip leave to the family of slip forces, and the share of them from which it is marked
+LEFT_TO_FAMILY, NEVER_SLIP = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N"), 1e-3
+#: a further amplitude that is asked for is at least so many times the largest: two digits show that it is larger
+FURTHER = 1.1
 #: k(1) is called extrapolated where the least slip force that loops resolve is this part of the lower quartile
 LEAST_PART = 0.12
 #: draws that this is asked of, and slip forces at which their distribution is tabulated
@@ -28,13 +31,13 @@ _DRAWS, _NODES = 200, 400
 
 @dataclass(frozen=True)
 class Reach:
-    """What the fitted loops reach, each the median over draws.
+    """What the fitted loops reach, each the median over draws unless it is said otherwise.
 
     step_mm : least step that the trusted harmonics resolve after a reversal
     lowest_N, highest_N : slip forces of the elements that slip within that step, and at the largest amplitude at all
     part : lowest_N over the lower quartile of the slip forces
     never_slip : share of the elements beyond highest_N, mean over draws: an expected share, not a typical one
-    needed_mm : amplitude at which all but NEVER_SLIP of them would slip
+    needed_mm : amplitude at which that mean share would be NEVER_SLIP
     amplitudes_mm : least and largest amplitude
     quantiles_N : slip force below which each of SLIP_SHARES of the elements slips
     """
@@ -68,19 +71,20 @@ def reach_of(problem: Problem, z: Array) -> Reach | None:
     top = 20.0 * max(float(np.median(highest)), problem.scales.slip_N)
     phi = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, _NODES)]) * top
     below = np.maximum.accumulate(1.0 - model.slip_family.survival(phi, values), axis=1)
-    wanted = (0.25, 1.0 - NEVER_SLIP, *SLIP_SHARES)
+    wanted = (0.25, *SLIP_SHARES)
     at = np.median([np.interp(wanted, row, phi) for row in below], axis=0)
-    beyond = [1.0 - np.interp(end, phi, row) for end, row in zip(highest, below)]
+    upto_mm = phi / float(np.median(k1))
+    slipping = np.mean([np.interp(upto_mm * k, phi, row) for k, row in zip(k1, below)], axis=0)
     lowest = 0.5 * float(np.median(k1)) * step
     return Reach(
         step_mm=step,
         lowest_N=lowest,
         highest_N=float(np.median(highest)),
         part=lowest / max(float(at[0]), 1e-9 * top),
-        never_slip=float(np.mean(beyond)),
-        needed_mm=float(at[1] / np.median(k1)),
+        never_slip=1.0 - float(np.mean([np.interp(end, phi, row) for end, row in zip(highest, below)])),
+        needed_mm=float(np.interp(1.0 - NEVER_SLIP, slipping, upto_mm)),
         amplitudes_mm=(min(amplitudes), max(amplitudes)),
-        quantiles_N=tuple(float(x) for x in at[2:]),
+        quantiles_N=tuple(float(x) for x in at[1:]),
     )
 
 
@@ -90,29 +94,22 @@ def _step_mm(loop: Loop) -> float:
 
 
 def extrapolated(problem: Problem, z: Array) -> dict[str, str]:
-    """By name of the quantities that no loop determines: one sentence why, and which range would.
+    """By name of the quantities that no loop determines: why, and which amplitudes are needed.
 
     z : a point (ndim,) or draws (draws, ndim). Empty for a simulator without slip forces.
     """
     reach = reach_of(problem, z)
     if reach is None:
         return {}
-    units = problem.units
-    length, force = units.text("mm"), units.text("N")
+    length, force = problem.units.text("mm"), problem.units.text("N")
+    least, largest = reach.amplitudes_mm
     fine = (
         f"Extrapolated below a slip force of {reach.lowest_N:.3g} {force}: no step under {reach.step_mm:.2g} {length} "
-        f"is resolved after a reversal; amplitudes below {reach.amplitudes_mm[0]:.3g} {length} would determine it"
+        f"is resolved after a reversal; amplitudes below {least:.3g} {length} are needed"
     )
-    share = f"{100.0 * reach.never_slip:.2g} % of the elements never slip"
-    wider = (
-        f"tests at {reach.needed_mm:.2g} {length} would determine it"
-        if reach.needed_mm > reach.amplitudes_mm[1]
-        else f"amplitudes above {reach.amplitudes_mm[1]:.3g} {length} would determine it"
-    )
-    beyond = f"at the largest amplitude, {reach.amplitudes_mm[1]:.3g} {length}; {wider}"
+    needed = f"tests at {max(reach.needed_mm, FURTHER * largest):.2g} {length} are needed"
+    beyond = f"at the largest amplitude, {largest:.3g} {length}; {needed}"
     out = {}
-    if reach.part > LEAST_PART:
-        out["k1_N_mm"] = fine
     for tenth, at in zip(SLIP_SHARES, reach.quantiles_N):
         name = f"slip_force_q{round(100 * tenth):02d}_N"
         if at < reach.lowest_N:
@@ -120,6 +117,8 @@ def extrapolated(problem: Problem, z: Array) -> dict[str, str]:
         if at > reach.highest_N:
             out[name] = f"Extrapolated: elements above {reach.highest_N:.3g} {force} never slip {beyond}"
     if reach.never_slip > NEVER_SLIP:
-        for name in ("kp_N_mm", "mean_slip_force_N"):
-            out[name] = f"Extrapolated by the family of slip forces: {share} {beyond}"
+        share = f"{100.0 * reach.never_slip:.2g} % of the elements never slip"
+        out |= dict.fromkeys(LEFT_TO_FAMILY, f"Extrapolated by the family of slip forces: {share} {beyond}")
+    if reach.part > LEAST_PART:
+        out["k1_N_mm"] = ". ".join((fine, out["k1_N_mm"])) if "k1_N_mm" in out else fine
     return out

@@ -9,7 +9,7 @@ import numpy as np
 from bayes_iwan.inference.results.floors import floors_said
 from bayes_iwan.inference.results.held_out_frequencies import held_out_said
 from bayes_iwan.inference.results.predictions import residual_size
-from bayes_iwan.inference.results.reach import extrapolated
+from bayes_iwan.inference.results.reach import LEFT_TO_FAMILY
 
 if TYPE_CHECKING:
     from bayes_iwan.inference.results.posterior import Posterior
@@ -31,7 +31,7 @@ def at_a_bound(posterior: Posterior) -> dict[str, str]:
     """Parameters whose 90 % interval leaves out the prior's median and ends at a bound ("upper", "lower") of the prior:
     that end is not set by the loops."""
     out, free = {}, posterior.problem.prior.free
-    for p, (least, most) in zip(free, np.quantile(posterior.flat_z(4000), [0.05, 0.95], axis=0).T):
+    for p, (least, most) in zip(free, np.quantile(posterior.flat_z(), [0.05, 0.95], axis=0).T):
         low, high = p.value(np.array([least, most]))
         near = NEAR_THE_BOUND * (high - low)
         if (least > 0.0 and p.upper - high < near) or (most < 0.0 and low - p.lower < near):
@@ -69,7 +69,7 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
             )
     if not all(x.holds for x in posterior.held_out):
         out.append(held_out_said(posterior.held_out))
-    z, prior = posterior.flat_z(4000), posterior.problem.prior
+    z, prior = posterior.flat_z(), posterior.problem.prior
     bounds = at_a_bound(posterior)
     for p, score in zip(prior.free, np.median(z, axis=0)):
         end = ("upper" if score > 0.0 else "lower") if abs(score) > AT_THE_END else bounds.get(p.name, "")
@@ -79,10 +79,9 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
                 f"{p.name} lies at the {end} end of its prior ({p.prior_text()}{far}). Widen the prior, or look for an "
                 "effect that the model lacks."
             )
-    why = extrapolated(posterior.problem, z)
-    for name in ("kp_N_mm", "mean_slip_force_N"):
-        if name in why:
-            out.append(f"{name}: {why[name]}.")
+    why = posterior.extrapolated
+    for said in dict.fromkeys(why[name] for name in LEFT_TO_FAMILY if name in why):
+        out.append(f"{', '.join(n for n in LEFT_TO_FAMILY if why.get(n) == said)}: {said}.")
     out += floors_said(posterior.problem, posterior.point.z)
     return posterior.problem.units.everywhere(tuple(out))
 

@@ -15,10 +15,10 @@ import os
 import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import fields
-from pathlib import Path
 from typing import Any, TypeVar
 
 from bayes_iwan import former_names
+from bayes_iwan.arguments import path_of, shown
 from bayes_iwan.campaign.loops.resolution import POINTS
 from bayes_iwan.errors import InputError, nearest
 from bayes_iwan.inference.setup.settings import (
@@ -136,8 +136,9 @@ def _tables(config: Config) -> tuple[dict[str, Any], str]:
         return config.as_dict(), "config"
     if isinstance(config, Mapping):
         return dict(config), "config"
+    path = path_of(config, "config", "a TOML file's path, a mapping of its tables, or settings of this command")
     try:
-        return tomllib.loads(Path(config).read_bytes().decode("utf-8-sig")), str(config)
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig")), str(config)
     except OSError as error:
         raise ConfigError(f"{config}: cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -160,16 +161,16 @@ def _checked(table: str, key: str, value: object, default: object, where: str) -
     name = f"{where} [{table}] {key}"
     if isinstance(default, bool):
         if not isinstance(value, bool):
-            raise ConfigError(f"{name} must be true or false, not {_shown(value)}")
+            raise ConfigError(f"{name} must be true or false, not {shown(value)}")
     elif isinstance(default, int) or default is None:
         if value is default:  # what is chosen from the data, in a run's own tables
             return default
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _LARGEST:
-            raise ConfigError(f"{name} must be a whole number of at least 1, not {_shown(value)}")
+            raise ConfigError(f"{name} must be a whole number of at least 1, not {shown(value)}")
     elif isinstance(default, float):
         return _number(value, name, least=0.0)
     elif not isinstance(value, str):
-        raise ConfigError(f"{name} must be text in quotes, not {_shown(value)}")
+        raise ConfigError(f"{name} must be text in quotes, not {shown(value)}")
     return value
 
 
@@ -181,13 +182,13 @@ def _changes(given: Mapping[str, object], where: str) -> dict[str, ParameterChan
     for name, table in tables.items():
         table = {"prior": table} if hasattr(table, "dist") else table
         if not isinstance(table, Mapping):
-            raise ConfigError(f"{where}: write [parameters.{name}] and e.g. fixed = {_shown(table)} below it")
+            raise ConfigError(f"{where}: write [parameters.{name}] and e.g. fixed = {shown(table)} below it")
         at = f"{where} [parameters.{name}]"
         _known(table, {"prior", "lower", "upper", "fixed", "tied"}, at, "key")
         limits = {k: _number(table[k], f"{at} {k}") for k in ("lower", "upper", "fixed") if k in table}
         tied = table.get("tied")
         if tied is not None and not isinstance(tied, str):
-            raise ConfigError(f"{at} tied must be the name of a parameter in quotes, not {_shown(tied)}")
+            raise ConfigError(f"{at} tied must be the name of a parameter in quotes, not {shown(tied)}")
         if tied is not None and "fixed" in limits:
             raise ConfigError(f"{at}: fixed and tied exclude each other; leave one out")
         out[str(name)] = ParameterChange(_prior(table.get("prior"), at), tied=tied, **limits)
@@ -217,21 +218,12 @@ def _number(value: object, name: str, least: float = -math.inf) -> float:
         except OverflowError:
             pass
     kind = "finite" if least < 0.0 else "finite positive"
-    raise ConfigError(f"{name} must be a {kind} number, not {_shown(value)}")
-
-
-def _shown(value: object) -> str:
-    """A value as text of one short line."""
-    try:
-        text = repr(value)
-    except (ValueError, RecursionError):  # a whole number of thousands of digits
-        text = type(value).__name__
-    return text if len(text) <= 60 else text[:57] + "..."
+    raise ConfigError(f"{name} must be a {kind} number, not {shown(value)}")
 
 
 def _known(table: Mapping[str, object], known: Collection[str], where: str, what: str) -> None:
     for key in table:
         if key not in known:
             if said := former_names.renamed(key, former_names.MODEL_PARTS):
-                raise ConfigError(f"{where}: {_shown(key)} {said}")
-            raise ConfigError(f"{where}: unknown {what} {_shown(key)}{nearest(key, sorted(known))}")
+                raise ConfigError(f"{where}: {shown(key)} {said}")
+            raise ConfigError(f"{where}: unknown {what} {shown(key)}{nearest(key, sorted(known))}")

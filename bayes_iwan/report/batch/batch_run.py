@@ -22,6 +22,7 @@ import numpy as np
 
 import bayes_iwan
 from bayes_iwan import executors
+from bayes_iwan.arguments import path_of, seed_of
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import finite, results_folder, write_whole
 from bayes_iwan.former_names import refuse_former_options
@@ -124,9 +125,11 @@ def batch(
         found.populations["kp_N_mm"].typical   # median and 90 % interval of the typical specimen, N/mm
         found.outliers()                       # specimens that stand out, and in what
     """
-    source = Path(folder)
+    source, seed = path_of(folder, "folder"), seed_of(seed)
     if not (identify or diagnose):
         raise BatchError("neither to be identified nor to be diagnosed: nothing to do")
+    if keep_chains and quick:
+        raise BatchError("quick draws have no chains to keep: leave quick or keep_chains (--keep-chains) away")
     if not source.is_dir():
         raise BatchError(f"{source}: not a folder; name one that holds campaign folders")
     names = sorted(p.parent.name for p in source.glob("*/campaign.toml"))

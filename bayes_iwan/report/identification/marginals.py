@@ -68,7 +68,7 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
     What the data left open stands in red with an open circle: its interval is as wide as the prior's.
     """
     prior = posterior.problem.prior
-    z = posterior.flat_z(4000)
+    z = posterior.flat_z()
     shrunk = contraction(z)
     n = len(prior.free)
     small = narrow()  # a column of contractions does not fit
@@ -202,7 +202,7 @@ def identifiable_corner(posterior: Posterior) -> Figure:
 @styled
 def paper_corner(posterior: Posterior, names: Sequence[str] | None = None) -> Figure:
     """Corner plot of the paper's parameters (Table 1); expect ridges: loops do not determine most of them."""
-    found = posterior.problem.model.derived(posterior.problem.parameter_values(posterior.flat_z(4000)))
+    found = posterior.problem.model.derived(posterior.problem.parameter_values(posterior.flat_z()))
     chosen = {n: found[n].values for n in (found if names is None else names)}
     for n in ("kn_1_mm", "lambda_s_m"):  # heavy tails as β → 0: show what 98 % of draws do
         if n in chosen:

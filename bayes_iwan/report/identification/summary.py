@@ -104,7 +104,7 @@ class Answer(IdentifiedSection):
     def open(self) -> list[str]:
         """What these loops leave open, a line each."""
         p = self.r.posterior
-        shrunk = zip(p.problem.prior.free, contraction(p.flat_z(4000)))
+        shrunk = zip(p.problem.prior.free, contraction(p.flat_z()))
         loose = [q for q, c in shrunk if c < OPEN and q.name not in p.problem.noise_names]
         terms = [q.symbol for q in loose if q.name in DEVIATION_NAMES]
         said = [f"{q.symbol} ({q.description})" for q in loose if q.name not in DEVIATION_NAMES]
@@ -145,7 +145,7 @@ def _asked(posterior: Posterior) -> list[str]:
     """Names of the quantities that the answer opens with: the first three, or a user's own model's determined ones."""
     if isinstance(posterior.problem.model, Model):
         return [n for n in _FIRST if n in posterior.quantities()]
-    shrunk = dict(zip(posterior.names, contraction(posterior.flat_z(4000))))
+    shrunk = dict(zip(posterior.names, contraction(posterior.flat_z())))
     return [n for n in posterior.names if n not in posterior.problem.noise_names and shrunk[n] >= OPEN][:6]
 
 
