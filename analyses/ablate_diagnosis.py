@@ -95,6 +95,7 @@ def switched_off() -> dict[str, list[Patch]]:
         ("one record names nothing", verdict, "refused", "one record"),
         ("held-out share above zero", verdict, "refused", "held-out tests"),
         ("least share", verdict, "refused", "too little"),
+        ("within the prior", indicators, "implausible", "plausible"),
         ("no longer than the tested periods", indicators, "implausible", "longer"),
         ("frequencies that differ", indicators, "implausible", "frequency"),
         ("not only a number of the base", indicators, "replaced", "replaces"),

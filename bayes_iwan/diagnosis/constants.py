@@ -50,7 +50,7 @@ LEAST_OF_FRICTION: Final = 0.001
 
 # ---- numbers that no cause has (assessment/indicators.py)
 
-#: prior standard deviations beyond which a number of the base stands at the edge of its prior
+#: prior standard deviations beyond which a number is not plausible
 LARGEST_SCORE: Final = 4.0
 #: periods of the slowest test that a time constant of a cycle's signals may last
 LONGEST_PERIODS: Final = 3.0

@@ -12,7 +12,7 @@ from bayes_iwan.diagnosis.assessment.assessed_search import assessed
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.indicators import figures_of, implausible, of_time, replaced
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
-from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LONGEST_PERIODS
+from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LONGEST_PERIODS
 from bayes_iwan.diagnosis.fits.evidence import base_problem
 from bayes_iwan.effects import catalogue
 
@@ -64,6 +64,22 @@ def test_an_effect_of_time_needs_frequencies_that_differ(kit):
     alike, apart = data_of(kit, 10.0, 10.0 * (CLOCK_SPREAD - 0.05)), data_of(kit, 10.0, 10.0 * (CLOCK_SPREAD + 0.1))
     assert "follows frequency" in implausible(effect, fit_with(kit, alike, effect, delay_s=2e-4), alike)
     assert implausible(effect, fit_with(kit, apart, effect, delay_s=2e-4), apart) == ""
+
+
+def test_a_number_far_from_its_prior_is_not_plausible_but_towards_an_end_of_its_range(kit):
+    """A memory may be of any shortness, and the coefficients of a series, which are strengths, of any size."""
+    data, far = data_of(kit, 8.0, 20.0), LARGEST_SCORE + 0.1
+    for law, number, z, refused in (
+        ("rate_strengthening", "memory_s", far, True),
+        ("rate_strengthening", "memory_s", -far, False),
+        ("end_stop", "exponent", far, True),
+        ("slip_forces_free", "c4", far, False),
+    ):
+        effect = effect_of(kit, law)
+        fit = fit_with(kit, data, effect)
+        assert implausible(effect, fit, data) == ""
+        fit.z[fit.problem.names.index(f"{law}.{number}")] = z
+        assert (number in implausible(effect, fit, data)) == refused
 
 
 def test_numbers_must_be_plausible_where_they_and_where_shares_are_from(kit, monkeypatch):

@@ -158,15 +158,21 @@ def implausible(effect: Effect, fit: Fit, data: GapData) -> str:
     """Why the fitted numbers of an effect are not plausible, "" where they are.
 
     A time constant must lie where the tested periods can tell it (how long a change along the record takes is not
-    meant), and an effect of time in a channel needs frequencies that differ.
+    meant), and an effect of time in a channel needs frequencies that differ. A number that is no strength must be
+    within what its prior holds plausible, but towards an end of what it can be it may go as far as it likes: without a
+    memory a law is one, too.
     """
     values = fit.problem.prior.values(fit.z[None])
     hz = np.array([x.frequency_hz for x in data.loops])
     for p in effect.parameters:
         if p.name not in fit.problem.names:
             continue
+        z = float(fit.z[fit.problem.names.index(p.name)])
         short = p.name.split(".", 1)[1]
         value = float(values[p.name][0])
+        endless = np.isinf(p.prior.support()[int(z > 0.0)])
+        if p.name not in effect.strength_names and endless and abs(z) > LARGEST_SCORE:
+            return f"{short} of {f'{value:.3g} {p.unit}'.removesuffix(' -')} is beyond what is plausible"
         if p.unit == "s" and (p.name == effect.strength_name or not effect.evolving):
             period_s = 1.0 / hz.min()
             if abs(value) > LONGEST_PERIODS * period_s:
