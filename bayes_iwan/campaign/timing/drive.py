@@ -6,6 +6,7 @@ cannot be one test, and is refused. The wave form is not assessed.
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -220,7 +221,7 @@ def _goes_on(y: Array, levels: list[tuple[int, int]]) -> bool:
     """Whether y goes on changing within most levels towards the next one, as in a sweep, of which short enough pieces
     are as close to it as any curve."""
     goes = []
-    for (a, b), after in zip(levels, levels[1:]):
+    for (a, b), after in pairwise(levels):
         step = np.median(y[slice(*after)], axis=0) - np.median(y[a:b], axis=0)
         half = (b - a) // 2
         within = np.median(y[b - half : b], axis=0) - np.median(y[a : a + half], axis=0)
