@@ -231,6 +231,22 @@ def test_sample_rates(table, record):
     np.testing.assert_allclose(test.record.time_s, r.time_s, atol=1e-9)
 
 
+def one_gap(k):
+    return (k > 2000) & (k < 2317)
+
+
+@pytest.mark.parametrize(("decimals", "lost"), [(7, one_gap), (4, one_gap), (7, lambda k: (k > 99) & (k % 21 == 0))])
+def test_rows_that_are_lost_do_not_make_a_stated_sample_rate_wrong(table, record, decimals, lost):
+    r = record(rate_hz=2560.0, n_cycles=20.3, noise_N=0.002)
+    kept = ~lost(np.arange(r.time_s.size))
+    columns = {"t [s]": r.time_s.round(decimals), "Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N}
+    path = table("a.csv", {name: x[kept] for name, x in columns.items()})
+    (test,) = import_tests([path], Recipe(sample_rate_hz=2560))
+    np.testing.assert_allclose(test.record.time_s, r.time_s[kept] - r.time_s[0], atol=10.0**-decimals)
+    with pytest.raises(CampaignError, match="2000 samples a second as you say"):
+        import_tests([path], Recipe(sample_rate_hz=2000))
+
+
 @pytest.mark.parametrize(
     ("order", "words"),
     [

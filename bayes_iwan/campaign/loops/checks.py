@@ -35,6 +35,7 @@ UNUSED, MOVES, MUCH_LESS = 1.5, 0.03, 0.5
 CORNER_ERROR = 0.02  # of amplitude or energy: a loop that is off its samples by more is refused
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 ROUNDED = 1e-3  # of a step: times that are off an even clock by more are rounded, and so is the first
+RATE_OFF = 0.02  # by which a time's steps may differ from a stated sample rate
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
 
 
@@ -57,6 +58,18 @@ def on_grid_of_rate(time: Array, rate: float) -> Array:
     if not rounded:
         return time
     return time - off + ((low + high) / 2 if np.ptp(off) * rate > ROUNDED else 0.0)
+
+
+def usual_step(time: Array) -> float:
+    """The mean step of times (n,) without the gaps, which are longer than nearly all steps: rounding moves single
+    steps, and with them the median."""
+    steps = np.diff(time)
+    return float(steps[steps <= 1.5 * np.percentile(steps, 98)].mean())
+
+
+def contradicts(time: Array, rate: float) -> bool:
+    """Whether a sample rate is neither that of the usual step nor, where many rows are lost, of the median step."""
+    return min(abs(step * rate - 1) for step in (usual_step(time), float(np.median(np.diff(time))))) > RATE_OFF
 
 
 def check_epoch(file: str, start_s: float, fix: str) -> None:
@@ -82,7 +95,7 @@ def check_time(file: str, time: Array, rate: float | None, frequency_hz: float) 
             f"{file} line {k + 3}: time does not increase ({time[k]:.12g} s, then {time[k + 1]:.12g} s); {fix}"
         )
     step = float(np.median(steps))
-    if rate is not None and abs(step * rate - 1) > 0.02:
+    if rate is not None and contradicts(time, rate):
         raise CampaignError(
             f"{file}: the time column steps by {step:.6g} s, but sample_rate_hz = {rate:g} in [channels] means "
             f"{1 / rate:.6g} s; fix whichever is wrong"
