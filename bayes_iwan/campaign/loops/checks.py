@@ -61,10 +61,11 @@ def on_grid_of_rate(time: Array, rate: float) -> Array:
 
 
 def usual_step(time: Array) -> float:
-    """The mean step of times (n,) without the gaps, which are longer than nearly all steps: rounding moves single
-    steps, and with them the median."""
+    """The mean step of times (n,) without the gaps, which are longer than nearly all steps; 0 where none rises. Rounding
+    moves single steps, and with them the median."""
     steps = np.diff(time)
-    return float(steps[steps <= 1.5 * np.percentile(steps, 98)].mean())
+    rising = steps[steps > 0]
+    return float(steps[steps <= 1.5 * np.percentile(rising, 98)].mean()) if rising.size else 0.0
 
 
 def contradicts(time: Array, rate: float) -> bool:
