@@ -12,7 +12,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.shrinkage import Shrunk, shrunk
 from bayes_iwan.comparison.unusual import Unusual, rank_unusual
-from bayes_iwan.errors import InputError, nearest
+from bayes_iwan.errors import InputError, nearest, not_utf8
 from bayes_iwan.inference.results.population import Population, SpecimenDraws, population
 from bayes_iwan.report.page import Cell, Table
 from bayes_iwan.screen import Listed, Named, on_screen, screen
@@ -175,7 +175,9 @@ def lots_of(folder: Path, group: str) -> dict[str, str]:
     path = folder / "specimens.csv"
     try:
         text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError):
+    except UnicodeDecodeError as error:
+        raise BatchError(f"{path} {not_utf8(error)}") from None
+    except OSError:
         raise BatchError(
             f'{path}: cannot be read; --group {group} takes lots from it: write a line "specimen,{group}" and below it '
             "a line for each campaign folder"
@@ -185,7 +187,7 @@ def lots_of(folder: Path, group: str) -> dict[str, str]:
     for name in ("specimen", group):
         if not rows or name not in rows[0]:
             known = nearest(name, rows[0]) if rows else "; it has no rows"
-            raise BatchError(f'{path}: has no column "{name}"{known}. Add it, or name another with --group')
+            raise BatchError(f'{path}: has no column "{name}"; add it, or name another with --group{known}')
     return {str(row["specimen"]).strip(): str(row[group] or "").strip() for row in rows}
 
 
