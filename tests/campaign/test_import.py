@@ -587,3 +587,25 @@ def test_a_folder_of_folders_says_which_and_the_command_for_one_and_for_all(
         assert (
             'a folder of campaigns: a 1. One of them: bayes-iwan check "rig-campaigns/a 1"; all: bayes-iwan b' in said
         )
+
+
+def test_two_kinds_of_record_and_a_folder_that_cannot_be_written(table, record, tmp_path, capsys):
+    r = record(n_cycles=20.3)
+    rest = {"t [s]": r.time_s, "Kraft [N]": r.force_N}
+    a = table("a.csv", {"Weg [mm]": r.displacement_mm, **rest})
+    b = table("b.csv", {"acc [m/s²]": -1e-3 * (2 * np.pi * 10) ** 2 * r.displacement_mm, **rest})
+    with pytest.raises(CampaignError, match="one kind of record: import each kind into a campaign of its own"):
+        import_tests([a, b])
+    (tmp_path / "file").write_text("")
+    assert cli.main(["import", str(a), "--out", str(tmp_path / "file" / "x")]) == 2
+    said = capsys.readouterr().err
+    assert "name a folder that can be written to" in said and str(tmp_path / "file") in said
+
+
+def test_levels_are_listed_below_their_file(table, record, capsys):
+    r = record(n_cycles=40.3)
+    size = np.where(r.time_s < r.time_s[-1] / 2, 1.0, 0.5)
+    path = table("a.csv", {"t [s]": r.time_s, "Weg [mm]": size * r.displacement_mm, "Kraft [N]": size * r.force_N})
+    assert cli.main(["import", str(path), "--split", "--dry-run"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert all(x.startswith("    ") for x in said[1:-1]) and "    found in a_2.csv" in "\n".join(said)

@@ -426,7 +426,7 @@ def test_a_filter_above_a_table_is_said(tmp_path, lines, said):
 
 
 def test_a_unit_above_a_table_that_contradicts_the_columns_is_asked(tmp_path):
-    with pytest.raises(ImportAsks, match=r"'Force \(N\), kN' \(force\) states no unit"):
+    with pytest.raises(ImportAsks, match=r"'Force \(N\), kN' \(force\) states two units"):
         import_tests([text(tmp_path / "a.txt", ["Force unit: kN", "t [s];x [mm];Force (N)"], T, U, F)])
 
 

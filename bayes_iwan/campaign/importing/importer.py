@@ -103,7 +103,9 @@ def import_tests(
     for test in tests:
         if list(test.columns) != list(first.columns):
             this, that = (f"{x.record.file} has {' and '.join([*x.columns][-2:])}" for x in (test, first))
-            fix = "import each kind into a campaign of its own, or name one channel that all files have (--displacement)"
+            fix = (
+                "import each kind into a campaign of its own, or name one channel that all files have (--displacement)"
+            )
             raise CampaignError(f"{this}, {that}; a campaign holds one kind of record: {fix}")
     names = [test.record.file for test in tests]
     if twice := sorted({name for name in names if names.count(name) > 1}):

@@ -184,6 +184,12 @@ def contradict(a: str, b: str) -> bool:
     return None not in (role, other) and (role != other or _quantity(a, role or "") != _quantity(b, role or ""))
 
 
+def states_two(name: str) -> bool:
+    """Whether a name ends in a unit that contradicts the one before it: Force (N), kN."""
+    found = re.fullmatch(r"(.+?)\s*[,\[({<]\s*([^\[\](){}<>,]+)[\])}>]?", name)
+    return bool(found) and contradict(split_name(found[1])[1], found[2])
+
+
 def is_ratio(text: str) -> bool:
     """Whether a unit is that of a strain: a length over a length, per cent, microstrain."""
     text = text.strip().strip("[]()").strip()
