@@ -609,3 +609,14 @@ def test_levels_are_listed_below_their_file(table, record, capsys):
     assert cli.main(["import", str(path), "--split", "--dry-run"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert all(x.startswith("    ") for x in said[1:-1]) and "    found in a_2.csv" in "\n".join(said)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms"])
+def test_an_acceleration_beyond_all_shakers_is_said(table, record, tmp_path, unit):
+    """Seconds in a column that is named milliseconds: 10 kHz at 1 mm."""
+    r = record(n_cycles=20.3)
+    path = table("a.csv", {f"t ({unit})": r.time_s, "Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N})
+    tests = import_tests([path])
+    write_tests(tests, tmp_path / "c")
+    for warnings in (tests[0].record.warnings, read_campaign(tmp_path / "c").tests[0].warnings):
+        assert any("is an acceleration of 4e+05 g, more than shakers reach" in x for x in warnings) == (unit == "ms")

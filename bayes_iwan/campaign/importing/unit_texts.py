@@ -187,7 +187,7 @@ def contradict(a: str, b: str) -> bool:
 def states_two(name: str) -> bool:
     """Whether a name ends in a unit that contradicts the one before it: Force (N), kN."""
     found = re.fullmatch(r"(.+?)\s*[,\[({<]\s*([^\[\](){}<>,]+)[\])}>]?", name)
-    return bool(found) and contradict(split_name(found[1])[1], found[2])
+    return found is not None and contradict(split_name(found[1])[1], found[2])
 
 
 def is_ratio(text: str) -> bool:
