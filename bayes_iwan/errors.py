@@ -30,3 +30,8 @@ def nearest(name: object, known: Iterable[object], otherwise: str | None = None,
     if otherwise is None and there:
         return f"; there are {few(there)}"
     return otherwise or ""
+
+
+def not_utf8(error: UnicodeDecodeError) -> str:
+    """What a message says behind the name of a text file that is in another encoding: where, and what to do."""
+    return f"line {error.object.count(10, 0, error.start) + 1}: not UTF-8; encoding cp1252? Save it as UTF-8"

@@ -107,7 +107,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except OSError as error:  # a disk that is full, a folder that has gone
         where = f"{error.filename}: " if error.filename else ""
-        say(f"bayes-iwan: {where}{error.strerror or error}; what was whole before is whole still", logging.ERROR)
+        fix = "name a folder that can be written to, on a disk that is not full"
+        say(f"bayes-iwan: {where}{error.strerror or error}; {fix}", logging.ERROR)
         return 2
     except MemoryError:
         say("bayes-iwan: not enough memory", logging.ERROR)

@@ -41,6 +41,25 @@ def test_a_staircase_of_many_levels_is_one(steps, cycles):
     assert found.kind == "levels" and len(found.levels) == steps
 
 
+@pytest.mark.parametrize("low, high, duration_s", [(5, 40, 20), (5, 50, 30), (50, 5, 30), (5, 80, 10), (5, 6, 60)])
+@pytest.mark.parametrize("one_speed", [False, True])
+def test_a_sweep_is_no_staircase_however_fast(low, high, duration_s, one_speed):
+    time = np.arange(duration_s * 2560) / 2560.0
+    rate = low + (high - low) * time / duration_s
+    u = 0.6 * np.sin(2 * np.pi * (low + rate) / 2 * time) * (min(low, high) / rate if one_speed else 1.0)
+    u += 0.001 * np.random.default_rng(1).standard_normal(u.size)
+    assert assess_drive(time, u).kind == "drift"
+
+
+@pytest.mark.parametrize("cycles", [5, 40])
+def test_levels_that_a_controller_approaches_within_a_cycle_are_a_staircase(cycles):
+    time, k = np.arange(8 * cycles * 100) / 1000.0, np.repeat(np.arange(8), cycles * 100)
+    since = (np.arange(time.size) % (cycles * 100)) / 100
+    size = 0.5 * 1.06 ** (k - np.where(k > 0, np.exp(-since / 0.7), 0.0))
+    found = assess_drive(time, size * np.sin(20.0 * np.pi * time))
+    assert found.kind == "levels" and len(found.levels) == 8
+
+
 @pytest.mark.parametrize("frequency", [lambda a: 1.0, lambda a: 1.0 / a], ids=["one frequency", "one speed"])
 def test_two_cycles_a_level_are_a_test_a_level_without_a_word_of_gaps(tmp_path, frequency):
     """As many rows a cycle at each: the band that crossings are fitted in holds two levels."""

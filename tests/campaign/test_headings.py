@@ -7,7 +7,7 @@ import pytest
 
 from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
-from bayes_iwan.campaign.importing.unit_texts import role_of, split_name
+from bayes_iwan.campaign.importing.unit_texts import converted, role_of, split_name
 
 RATE, N = 250.0, 500
 T = np.arange(N) / RATE
@@ -292,3 +292,14 @@ def test_units_of_lines_above_are_read_where_they_can_be_one_thing_alone(tmp_pat
     (found,) = import_tests([tmp_path / "a.csv"])
     np.testing.assert_allclose(found.record.force_N, factor * F, atol=1e-2)
     assert any("units by the lines above: " in x and "'Disp' in mm" in x for x in found.said)
+
+
+@pytest.mark.parametrize(
+    "per",
+    ["(m/s^2)", "(m/s²)", "(m/s2)", "[m/s²]", "m/s^2", "m/s²", "m/s/s", "ms-2", "ms^-2", "m·s⁻²", "(m·s⁻²)", "m s-2"],
+)
+def test_a_sensitivity_per_unit_of_acceleration_as_data_sheets_write_it(per):
+    for text in (f"10.2 mV/{per}", f"10,2 mV / {per}", f"[10.2 mV/{per}]", f"10.2 mV per {per}"):
+        values, unit = converted(np.full(1, 10.2), "mV", text, "acceleration", "a.csv")
+        assert unit == "m/s²" and values == pytest.approx([1.0]), text
+    assert role_of(per) == "acceleration"

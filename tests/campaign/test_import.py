@@ -231,6 +231,22 @@ def test_sample_rates(table, record):
     np.testing.assert_allclose(test.record.time_s, r.time_s, atol=1e-9)
 
 
+def one_gap(k):
+    return (k > 2000) & (k < 2317)
+
+
+@pytest.mark.parametrize(("decimals", "lost"), [(7, one_gap), (4, one_gap), (7, lambda k: (k > 99) & (k % 21 == 0))])
+def test_rows_that_are_lost_do_not_make_a_stated_sample_rate_wrong(table, record, decimals, lost):
+    r = record(rate_hz=2560.0, n_cycles=20.3, noise_N=0.002)
+    kept = ~lost(np.arange(r.time_s.size))
+    columns = {"t [s]": r.time_s.round(decimals), "Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N}
+    path = table("a.csv", {name: x[kept] for name, x in columns.items()})
+    (test,) = import_tests([path], Recipe(sample_rate_hz=2560))
+    np.testing.assert_allclose(test.record.time_s, r.time_s[kept] - r.time_s[0], atol=10.0**-decimals)
+    with pytest.raises(CampaignError, match="2000 samples a second as you say"):
+        import_tests([path], Recipe(sample_rate_hz=2000))
+
+
 @pytest.mark.parametrize(
     ("order", "words"),
     [
@@ -571,3 +587,36 @@ def test_a_folder_of_folders_says_which_and_the_command_for_one_and_for_all(
         assert (
             'a folder of campaigns: a 1. One of them: bayes-iwan check "rig-campaigns/a 1"; all: bayes-iwan b' in said
         )
+
+
+def test_two_kinds_of_record_and_a_folder_that_cannot_be_written(table, record, tmp_path, capsys):
+    r = record(n_cycles=20.3)
+    rest = {"t [s]": r.time_s, "Kraft [N]": r.force_N}
+    a = table("a.csv", {"Weg [mm]": r.displacement_mm, **rest})
+    b = table("b.csv", {"acc [m/s²]": -1e-3 * (2 * np.pi * 10) ** 2 * r.displacement_mm, **rest})
+    with pytest.raises(CampaignError, match="one kind of record: import each kind into a campaign of its own"):
+        import_tests([a, b])
+    (tmp_path / "file").write_text("")
+    assert cli.main(["import", str(a), "--out", str(tmp_path / "file" / "x")]) == 2
+    said = capsys.readouterr().err
+    assert "name a folder that can be written to" in said and str(tmp_path / "file") in said
+
+
+def test_levels_are_listed_below_their_file(table, record, capsys):
+    r = record(n_cycles=40.3)
+    size = np.where(r.time_s < r.time_s[-1] / 2, 1.0, 0.5)
+    path = table("a.csv", {"t [s]": r.time_s, "Weg [mm]": size * r.displacement_mm, "Kraft [N]": size * r.force_N})
+    assert cli.main(["import", str(path), "--split", "--dry-run"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert all(x.startswith("    ") for x in said[1:-1]) and "    found in a_2.csv" in "\n".join(said)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms"])
+def test_an_acceleration_beyond_all_shakers_is_said(table, record, tmp_path, unit):
+    """Seconds in a column that is named milliseconds: 10 kHz at 1 mm."""
+    r = record(n_cycles=20.3)
+    path = table("a.csv", {f"t ({unit})": r.time_s, "Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N})
+    tests = import_tests([path])
+    write_tests(tests, tmp_path / "c")
+    for warnings in (tests[0].record.warnings, read_campaign(tmp_path / "c").tests[0].warnings):
+        assert any("is an acceleration of 4e+05 g, more than shakers reach" in x for x in warnings) == (unit == "ms")

@@ -325,7 +325,8 @@ def test_what_is_asked_of_channels_that_are_not_chosen_yet_is_asked_at_once(tmp_
         ("Time (1/100 s),Disp (mm),Force (N)", (100 * T, X, F), r"'Time \(1/100 s\)' goes up by .* no unit"),
         ("Zeit in 1/10 s;Weg in mm;Kraft in N", (10 * T, X, F), "'Zeit in 1/10 s' goes up by .* no unit"),
         ("Time s;Disp 0.01 mm;Force N", (T, 100 * X, F), "states no unit"),
-        ("Time (s),Disp (mm) [um],Force (N)", (T, X, F), "states no unit"),
+        ("Time (s),Disp (mm) [um],Force (N)", (T, X, F), "states two units"),
+        ("Time (s),Disp (mm),Force (N)\ns,in,N", (T, X, F), r"'Disp \(mm\), in' \(displacement\) states two units"),
         ("Time (s),Disp (mm),Force (%)", (T, X, F), r"is in %: what is a sample of 1\?"),
     ],
 )

@@ -147,3 +147,28 @@ def test_names_with_spaces_and_accents(tmp_path, toml, record, csv):
     (path / "campaign.toml").write_text(text, encoding="utf-8")
     (path / "Versuch è 10 Hz.csv").write_text(csv(record(), "time_s,displacement_mm,Kraft oben_N"), encoding="utf-8")
     assert read_campaign(path).loops()[0].n_cycles == 11
+
+
+@pytest.mark.parametrize("fault", ["0.5,nan", "0.5", "0.5,1e31"])
+def test_a_line_is_deleted_only_where_times_say_so(refusal, toml, record, fault):
+    """Without times the rows after it would be taken for earlier ones, without a word."""
+    r = record()
+    with_time = columns(r).split("\n")
+    without = [row.partition(",")[2] for row in with_time]
+    with_time[5], without[5] = f"0.0039,{fault}", fault
+    said = refusal(toml, "\n".join(with_time))
+    assert "delete the line (a short gap is bridged)" in said and "time_s" not in said
+    said = refusal(toml.replace("[[test]]", "sample_rate_hz = 1280\n\n[[test]]", 1), "\n".join(without))
+    assert "add a column time_s with the time of each row" in said and "`bayes-iwan import`" in said
+
+
+def test_a_time_column_that_is_not_named_in_channels(refusal, toml, record, csv):
+    said = refusal(toml, csv(record(), "time_ms,displacement_mm,force_N"))
+    assert 'Write time = "time_ms" in [channels]' in said
+
+
+def test_a_campaign_file_in_another_encoding(folder, toml):
+    path = folder(toml)
+    (path / "campaign.toml").write_bytes(b"# a\n# gr\xf6\xdfer\n" + toml.encode())
+    with pytest.raises(CampaignError, match=r"campaign.toml line 2: not UTF-8; encoding cp1252\? Save it as UTF-8"):
+        read_campaign(path)

@@ -73,7 +73,7 @@ def test_rows_lost_in_few_cycles_are_found_though_the_time_runs_on(cycles):
         displacement_mm=whole.displacement_mm[kept],
         force_N=whole.force_N[kept],
     )
-    with pytest.raises(CampaignError, match=r"jumps by \+[89]\d° near 2\.\d+ s, while the time column runs on"):
+    with pytest.raises(CampaignError, match=r"jumps by \+[89]\d° near 2\.\d+ s, but the times do not"):
         check_record(lost)
     check_record(whole)
 

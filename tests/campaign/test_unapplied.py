@@ -337,7 +337,9 @@ def test_a_sign_in_a_name_is_decided_by_the_loop(tmp_path):
     heads = ["t [s];x [mm];Force inverted [N]"]
     (test,) = import_tests([text(tmp_path / "a.txt", heads, T, U, F)])
     assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.005)
-    with pytest.raises(CampaignError, match=r"one channel is reversed.*--reverse force"):
+    with pytest.raises(
+        CampaignError, match=r"one channel is reversed.*this file's .*where all files are .*--reverse force"
+    ):
         import_tests([text(tmp_path / "b.txt", heads, T, U, -F)])
 
 
@@ -426,7 +428,7 @@ def test_a_filter_above_a_table_is_said(tmp_path, lines, said):
 
 
 def test_a_unit_above_a_table_that_contradicts_the_columns_is_asked(tmp_path):
-    with pytest.raises(ImportAsks, match=r"'Force \(N\), kN' \(force\) states no unit"):
+    with pytest.raises(ImportAsks, match=r"'Force \(N\), kN' \(force\) states two units"):
         import_tests([text(tmp_path / "a.txt", ["Force unit: kN", "t [s];x [mm];Force (N)"], T, U, F)])
 
 

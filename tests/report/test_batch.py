@@ -18,6 +18,7 @@ import bayes_iwan
 from bayes_iwan.report.batch import batch_run as room
 from bayes_iwan.report.batch.batch_run import BatchError, batch
 from bayes_iwan.report.batch.batch_sheet import WORDS
+from bayes_iwan.report.batch.specimens import lots_of
 from bayes_iwan.report.identification.marginals import in_interval
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
@@ -247,3 +248,23 @@ def test_a_diagnosis_of_each(folder, tmp_path, monkeypatch):
     assert list(result.failures) == ["broken <b>"]  # no verdict for it: a KeyError is listed like any other
     page = (tmp_path / "out" / "batch.html").read_text()
     assert "moving mass + free play" in page and 'href="specimens/a/diagnosis.html"' in page
+
+
+def test_lots_that_do_not_fit_the_folders_are_refused_before_anything_runs(tmp_path):
+    """A typo left a specimen out of its lot, without a word."""
+    table = tmp_path / "specimens.csv"
+    table.write_text("specimen,lot\na,1\nb,\n")
+    assert lots_of(tmp_path, "lot", ["a", "b"]) == {"a": "1", "b": ""}
+    for names, says in (
+        (["a", "b", "c"], "no line for the campaign folder c: add it"),
+        (["a"], "no campaign folder b:"),
+    ):
+        with pytest.raises(BatchError, match=says):
+            lots_of(tmp_path, "lot", names)
+    with pytest.raises(BatchError, match=r"no line for .* c: .*; no campaign folder b: fix the name"):
+        lots_of(tmp_path, "lot", ["a", "c"])
+    with pytest.raises(BatchError, match=r"""has no column "lott"; add it, .*; did you mean 'lot'\?$"""):
+        lots_of(tmp_path, "lott", ["a", "b"])
+    table.write_bytes(b"specimen,lot\na,gr\xf6n\n")
+    with pytest.raises(BatchError, match="line 2: not UTF-8"):
+        lots_of(tmp_path, "lot", ["a"])

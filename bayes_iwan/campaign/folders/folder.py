@@ -18,7 +18,7 @@ from bayes_iwan.campaign.loops.resolution import POINTS, points_for
 from bayes_iwan.campaign.recording.limits import RigLimits, limits_of
 from bayes_iwan.campaign.recording.records import ROLES, CampaignError, Record, shown
 from bayes_iwan.campaign.recording.stated import number_of, only, positive, read_toml
-from bayes_iwan.campaign.recording.table import column, ending, header_has, read_table, working_unit
+from bayes_iwan.campaign.recording.table import column, ending, header_has, read_table, times_in, working_unit
 from bayes_iwan.campaign.recording.unapplied import said_of_name
 from bayes_iwan.campaign.recording.units import ACCELERATIONS, DISPLACEMENTS, FORCES, TIMES, Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
@@ -333,9 +333,9 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
     elif channels.time is None and rate is not None:
         time = np.arange(len(table)) / rate
     else:
-        raise CampaignError(
-            f"{file}: no column {shown(time_name)}; {header_has(names)}. Add it, or state sample_rate_hz in [channels]"
-        )
+        there = times_in(names)
+        fix = f'Write time = "{there[0]}" in [channels]' if there else "Add it, or state sample_rate_hz in [channels]"
+        raise CampaignError(f"{file}: no column {shown(time_name)}; {header_has(names)}. {fix}")
     if rate is not None:
         time = on_grid_of_rate(time, rate)
     force = column(names, table, channels.force, FORCES, file)

@@ -11,7 +11,16 @@ from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.scaling import SAME_RATE, SINGLE_S
-from bayes_iwan.campaign.importing.unit_texts import FULL_SCALE, ROLES, converted, is_ratio, is_volts, may_be, role_of
+from bayes_iwan.campaign.importing.unit_texts import (
+    FULL_SCALE,
+    ROLES,
+    converted,
+    is_ratio,
+    is_volts,
+    may_be,
+    role_of,
+    states_two,
+)
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.unapplied import NOT_MEASURED
 from bayes_iwan.errors import nearest
@@ -109,7 +118,10 @@ def unit_asked(some: Sequence[Channel], role: str, recipe: Recipe) -> list[Quest
     asked: dict[tuple[str, str], str] = {}
     for unit in (recipe.units.get(role, c.unit) for c in some):
         if not unit:
-            asked["--unit", "UNIT"] = f"states no unit ({', '.join(ROLES[role])} or another)."
+            two = all(states_two(c.name) for c in some)
+            asked["--unit", "UNIT"] = (
+                f"states {'two units' if two else 'no unit'} ({', '.join(ROLES[role])} or another)."
+            )
         elif is_volts(unit) and "/" in unit:
             asked["--unit", "50 N"] = f"is in {unit}, a bridge's ratio: what load is 1 {unit}?"
         elif is_volts(unit):

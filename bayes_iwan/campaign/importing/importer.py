@@ -103,7 +103,10 @@ def import_tests(
     for test in tests:
         if list(test.columns) != list(first.columns):
             this, that = (f"{x.record.file} has {' and '.join([*x.columns][-2:])}" for x in (test, first))
-            raise CampaignError(f"{this}, {that}; a campaign holds one kind of record")
+            fix = (
+                "import each kind into a campaign of its own, or name one channel that all files have (--displacement)"
+            )
+            raise CampaignError(f"{this}, {that}; a campaign holds one kind of record: {fix}")
     names = [test.record.file for test in tests]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise CampaignError(f"import: two recordings would be called {twice[0]}; rename one file")
@@ -334,7 +337,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             f"{f'{loop.frequency_hz:.4g} Hz, ' if recipe.clock else ''}{loop.amplitude_mm:.4g} {units.displacement}, "
             f"{loop.n_cycles} steady cycles, force RMS {loop.force_N.std():.4g} {units.force}"
         )
-        out.append(ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line)))
+        out.append(ImportedTest(checked, columns, rate, loop, (f"    {line}",) if out else (*said, line)))
     if not out:
         raise CampaignError(
             f"{where}: none of {len(pieces)} levels can be used. {dropped[-1].removeprefix('dropped: ')}"

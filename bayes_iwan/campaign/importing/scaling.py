@@ -7,7 +7,7 @@ from bayes_iwan.campaign.importing.formats.stamps import unwrapped
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.unit_texts import FULL_SCALE, converted, decimal_point
-from bayes_iwan.campaign.loops.checks import check_epoch, on_grid_of_rate
+from bayes_iwan.campaign.loops.checks import check_epoch, contradicts, on_grid_of_rate, usual_step
 from bayes_iwan.campaign.recording.records import CampaignError
 
 #: of the years 1982 to 2053, by Excel, by MATLAB and by astronomers (Julian days)
@@ -72,7 +72,7 @@ def times_of(
     lines = [f"time: {clock.name!r}: {wrapped}"] if wrapped else []
     rate: float | None = asked or from_file
     _refuse_falling(time, clock.name, where, np.less)
-    if rate is not None and abs(_usual_rate(time) / rate - 1) > 0.02:
+    if rate is not None and contradicts(time[np.isfinite(time)], rate):
         rounded = (np.diff(time) >= 0).all() and (np.diff(time) == 0).any()
         if not rounded and (asked or not stated):
             raise CampaignError(
@@ -132,5 +132,5 @@ def _unit_of_rate(time: Array, rate: float | None) -> str:
 
 def _usual_rate(time: Array) -> float:
     known = time[np.isfinite(time)]
-    span = float(np.ptp(known)) if known.size > 1 else 0.0
-    return (known.size - 1) / span if span > 0 else np.inf
+    step = usual_step(known) if known.size > 1 else 0.0
+    return 1 / step if step > 0 else np.inf

@@ -79,6 +79,12 @@ def _registry() -> Any:
     return pint.UnitRegistry()
 
 
+_BRACKETS = str.maketrans("[]{}<>", "()()()")
+_ENCLOSED = re.compile(r"\(((?:[^()]|\([^()]*\))*)\)")
+#: m/s², m·s⁻², and ms⁻², which is no millisecond; one unit, whatever is divided by it: 10.2 mV/m/s² and 10.2 mV/ms⁻²
+_PER_SECOND_SQUARED = re.compile(
+    r"(?<![A-Za-z])([A-Za-z]+?)\s*(?:/\s*s(?:\s*\*\*\s*2|\s*/\s*s)|[*\s]?\s*s\s*\*\*\s*-2)(?![\w.*])"
+)
 #: a longer text is no unit; pint takes most of a minute to say so of 20,000 letters
 _LONGEST = 60
 #: the powers that units have; others are not worked out, since 9**9**9**9 would never end
@@ -88,7 +94,9 @@ _POWER = re.compile(r"(?<=[A-Za-z])\s*\*\*\s*[+-]?\d(?![\d.eE]|\s*\*\*)")
 def _spelt(text: str, role: str) -> str:
     """A unit's text in pint's spelling; g is gravity for an acceleration, in as much as it stands alone."""
     text = re.sub("[⁻¹²³]+", r"^\g<0>", text.replace("º", "°"))
-    text = unicodedata.normalize("NFKC", text).strip().strip("[](){}<>").strip()
+    text = unicodedata.normalize("NFKC", text).translate(_BRACKETS).replace(" per ", "/").strip()
+    while whole := _ENCLOSED.fullmatch(text):
+        text = whole[1].strip()
     text = text.replace("·", "*").replace("⋅", "*").replace("−", "-").removesuffix(".")
     if text.lower() not in _WORDS:  # N.m, in-lb
         text = re.sub(r"(?<=[^\W\d_])[.-](?=[^\W\d_])", "*", text)
@@ -98,6 +106,7 @@ def _spelt(text: str, role: str) -> str:
     text = re.sub(r"(?<=[A-Za-z])(?<!\d[eE])(-?[23]|-1)(?![\d.])", r"**\1", text.replace("^", "**"))  # m/s2, m s-2
     if role == "acceleration":
         text = re.sub(r"(?<![A-Za-z_])(m?)[gG](?![A-Za-z_])", r"\1g_0", text)
+        text = _PER_SECOND_SQUARED.sub(r"(\1/s**2)", text)
     elif role == "force":
         text = {"g": "gf", "nm": "N*m"}.get(text, text)
     return text
@@ -173,6 +182,12 @@ def contradict(a: str, b: str) -> bool:
     """Whether two units of one channel cannot both be right: of two roles, or of two sizes."""
     role, other = role_of(a), role_of(b)
     return None not in (role, other) and (role != other or _quantity(a, role or "") != _quantity(b, role or ""))
+
+
+def states_two(name: str) -> bool:
+    """Whether a name ends in a unit that contradicts the one before it: Force (N), kN."""
+    found = re.fullmatch(r"(.+?)\s*[,\[({<]\s*([^\[\](){}<>,]+)[\])}>]?", name)
+    return found is not None and contradict(split_name(found[1])[1], found[2])
 
 
 def is_ratio(text: str) -> bool:

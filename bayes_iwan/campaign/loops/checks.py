@@ -35,6 +35,8 @@ UNUSED, MOVES, MUCH_LESS = 1.5, 0.03, 0.5
 CORNER_ERROR = 0.02  # of amplitude or energy: a loop that is off its samples by more is refused
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 ROUNDED = 1e-3  # of a step: times that are off an even clock by more are rounded, and so is the first
+LARGEST_G = 1e4  # in g: ten times what shakers reach with a specimen
+RATE_OFF = 0.02  # by which a time's steps may differ from a stated sample rate
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
 
 
@@ -57,6 +59,19 @@ def on_grid_of_rate(time: Array, rate: float) -> Array:
     if not rounded:
         return time
     return time - off + ((low + high) / 2 if np.ptp(off) * rate > ROUNDED else 0.0)
+
+
+def usual_step(time: Array) -> float:
+    """The mean step of times (n,) without the gaps, which are longer than nearly all steps; 0 where none rises.
+    Rounding moves single steps, and with them the median."""
+    steps = np.diff(time)
+    rising = steps[steps > 0]
+    return float(steps[steps <= 1.5 * np.percentile(rising, 98)].mean()) if rising.size else 0.0
+
+
+def contradicts(time: Array, rate: float) -> bool:
+    """Whether a sample rate is neither that of the usual step nor, where many rows are lost, of the median step."""
+    return min(abs(step * rate - 1) for step in (usual_step(time), float(np.median(np.diff(time))))) > RATE_OFF
 
 
 def check_epoch(file: str, start_s: float, fix: str) -> None:
@@ -82,7 +97,7 @@ def check_time(file: str, time: Array, rate: float | None, frequency_hz: float) 
             f"{file} line {k + 3}: time does not increase ({time[k]:.12g} s, then {time[k + 1]:.12g} s); {fix}"
         )
     step = float(np.median(steps))
-    if rate is not None and abs(step * rate - 1) > 0.02:
+    if rate is not None and contradicts(time, rate):
         raise CampaignError(
             f"{file}: the time column steps by {step:.6g} s, but sample_rate_hz = {rate:g} in [channels] means "
             f"{1 / rate:.6g} s; fix whichever is wrong"
@@ -151,7 +166,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     hint = " (the force column moves by as much: are the two swapped?)" if swapped else ""
     _near(record, f"amplitude_{unit}", loop.amplitude_mm, record.amplitude_mm, unit, hint)
     index = loop.cut.index
-    notes += _angle(loop)
+    notes += _beyond_shakers(loop) + _angle(loop)
     notes += corners
     notes += disturbances(loop)
     _refuse_smeared(loop)
@@ -274,6 +289,17 @@ def _near(record: Record, key: str, found: float, stated: float, unit: str, hint
     )
 
 
+def _beyond_shakers(loop: Loop) -> list[str]:
+    """What is said of an acceleration that a wrong unit of the time or the displacement makes."""
+    acceleration_g = (2 * math.pi * loop.frequency_hz) ** 2 * loop.amplitude_mm * 1e-3 / 9.81
+    if not loop.record.clock or loop.record.units.displacement != "mm" or acceleration_g < LARGEST_G:
+        return []
+    return [
+        f"{loop.frequency_hz:.3g} Hz at {loop.amplitude_mm:.3g} mm is an acceleration of {acceleration_g:.2g} g, more "
+        "than shakers reach: check the units of the time and the displacement"
+    ]
+
+
 def _angle(loop: Loop) -> list[str]:
     """What the angle between force and displacement says: a reversed channel, a late one, or an early one.
 
@@ -285,8 +311,9 @@ def _angle(loop: Loop) -> list[str]:
     if loss < -REVERSED and elastic < 0:
         raise CampaignError(
             f"{loop.file}: the loop gives out energy and the force pulls along with the motion (sine of the loss angle "
-            f"{loss:.2f}), so one channel is reversed. Multiply the force or the displacement column by -1 (`import "
-            "--reverse force`); the force must be the one that moves the specimen along +displacement"
+            f"{loss:.2f}), so one channel is reversed. Multiply this file's force or displacement column by -1 (where "
+            "all files are reversed, `import --reverse force` does it); the force must be the one that moves the "
+            "specimen along +displacement"
         )
     noise = float(loop.noise_N[1]) / max(float(np.abs(loop.harmonics_N[1])), 1e-300)
     if loss < -max(LATE_SAID, SIGMAS * noise):

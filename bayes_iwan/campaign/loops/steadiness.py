@@ -135,7 +135,7 @@ def _jumped(loop: Loop, k: int, jump: float) -> list[str]:
     what = f"the phase of both channels jumps by {360 * jump:+.0f}° near {at:.5g} s"
     if abs(jump) > LARGE_JUMP:
         raise CampaignError(
-            f"{loop.file}: {what}, while the time column runs on: rows are missing (about "
+            f"{loop.file}: {what}, but the times do not: rows are missing (about "
             f"{(jump % 1) / loop.frequency_hz:.3g} s), or two records were joined. List the parts before and after "
             "as two records"
         )

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_iwan.campaign.recording.records import CampaignError, shown
-from bayes_iwan.errors import nearest
+from bayes_iwan.errors import nearest, not_utf8
 
 # a campaign is data from anywhere: nothing in it may cost more than it brings
 LARGEST_TOML = 1_000_000  # bytes
@@ -31,7 +31,9 @@ def read_toml(path: Path, hint: str) -> dict[str, Any]:
         raise
     except RecursionError:
         raise CampaignError(f"{path}: its tables are nested too deep") from None
-    except ValueError as error:  # of TOML, of its encoding, of an integer with thousands of digits
+    except UnicodeDecodeError as error:
+        raise CampaignError(f"{path} {not_utf8(error)}") from None
+    except ValueError as error:  # of TOML, of an integer with thousands of digits
         raise CampaignError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
 
 

@@ -15,7 +15,8 @@ import pandas as pd
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.stated import LARGEST_NUMBER
-from bayes_iwan.errors import nearest
+from bayes_iwan.campaign.recording.units import TIMES
+from bayes_iwan.errors import nearest, not_utf8
 
 FREE_EXPANSION, LARGEST_EXPANSION = 64_000_000, 100  # bytes, and times its size, that a packed record may unpack to
 IMPORT = "or let `bayes-iwan import` read the file"
@@ -109,10 +110,9 @@ def _check_text(file: str, raw: bytes) -> None:
     try:
         raw.decode()
     except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
         if re.search(rb"[\x01-\x08\x0e-\x1f]", raw):
             raise CampaignError(f"{file}: not a text file; export it as comma-separated text, {IMPORT}") from None
-        raise CampaignError(f"{file} line {line}: not UTF-8; encoding cp1252? Save it as UTF-8, {IMPORT}") from None
+        raise CampaignError(f"{file} {not_utf8(error)}, {IMPORT}") from None
 
 
 def _bad_cell(file: str, names: list[str], raw: bytes) -> CampaignError:
@@ -130,19 +130,29 @@ def _bad_cell(file: str, names: list[str], raw: bytes) -> CampaignError:
                 f"{where}: a row of units ({units})? Put them into the column names and delete it, {IMPORT}"
             )
         if len(cells) != len(names):
-            last = " (the last line: cut off?)" if number == len(lines) + 1 else ""
+            last = number == len(lines) + 1
             return CampaignError(
-                f"{where}{last}: {len(cells)} columns where the header has {len(names)}; delete the "
-                "line or export the record again"
+                f"{where}{' (the last line: cut off?)' if last else ''}: {len(cells)} columns where the header has "
+                f"{len(names)}; {'delete the line' if last else _without_line(names)} or export the record again"
             )
         for name, cell in zip(names, cells):
             if not _is_number(cell):
                 return CampaignError(f"{where}: {shown(cell)} in {name} is not a number")
             if not math.isfinite(float(cell)):
-                return CampaignError(
-                    f"{where}: {name} is {cell}; delete the line (a short gap is bridged) or fix the export"
-                )
+                return CampaignError(f"{where}: {name} is {cell}; {_without_line(names)} or fix the export")
     return CampaignError(f"{file}: cannot be read as numbers")
+
+
+def times_in(names: list[str]) -> list[str]:
+    """The columns that hold times, by the ends of their names."""
+    return [name for name in names if ending(name, {"s": TIMES})]
+
+
+def _without_line(names: list[str]) -> str:
+    """How a file is read without one of its lines: without times, the rows after it would be taken for earlier ones."""
+    if times_in(names):
+        return "delete the line (a short gap is bridged)"
+    return "delete the line and add a column time_s with the time of each row, let `bayes-iwan import` read the file"
 
 
 def _is_number(cell: str) -> bool:
@@ -179,5 +189,5 @@ def column(
     column = table[:, names.index(name)] * sizes[unit]
     if np.abs(column).max() > LARGEST_NUMBER:
         line = int(np.argmax(np.abs(column))) + 2
-        raise CampaignError(f"{file} line {line}: {name} is beyond any instrument; delete the line")
+        raise CampaignError(f"{file} line {line}: {name} is beyond any instrument; {_without_line(names)}")
     return np.ascontiguousarray(column)

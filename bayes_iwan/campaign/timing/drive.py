@@ -6,6 +6,7 @@ cannot be one test, and is refused. The wave form is not assessed.
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,6 +23,7 @@ SHORT = 2, 0.8, 0.01  # the same where this share of all cycles stands in levels
 SMALLEST = 0.03  # of the largest stroke: smaller ones are not seen as cycles
 SECOND = 5  # cycles from which a second level is a test of its own
 MAIN = 0.55  # share of the cycles at one level from which the others are run-in, run-out or a disturbance
+GOES_ON = 0.35  # of the step to the next level, from half a level to its other half: a sweep's pieces do half of it
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
 PAUSE = 0.8, 0.1  # of a usual cycle in which nothing crosses the middle, or all stands still: a pause
 STILL = 0.25  # of what is not seen as a cycle: noise is half of it, and the way through the middle three times
@@ -82,7 +84,7 @@ def assess_drive(time_s: Array, displacement: Array) -> Drive | None:
     size, y, groups, kind = _by_cycles(time_s, displacement, times, half, repeats is not None)
     starts = times + (np.interp(times, time_s, whole_s) - np.clip(times, time_s[0], time_s[-1]))
     ends = 0  # of a level, that may last into a pause
-    if kind != "steady":  # levels that each start anew, wherever in its cycle the one before ended
+    if kind != "steady" and not _goes_on(y, groups):  # levels that start anew, wherever in its cycle the last one ended
         marks, halves = _half_cycles(*given, middle, hysteresis * (high - low) / 2)
         sizes = halves * [1.0, 0.0]  # by size alone: the last half cycle of a level may be cut short
         apart = _merged(sizes, _segments(sizes / LEVEL, 0, len(halves)), HELD)
@@ -117,7 +119,7 @@ def _by_cycles(
     segments = _segments(y / LEVEL, 0, len(y))
     groups = _merged(y, segments, HELD)
     kind = _kind(y, groups)
-    if kind != "steady":
+    if kind != "steady" and not _goes_on(y, groups):
         fewest, share, steady = SHORT
         short = _merged(y, segments, fewest)
         stepped = y[:, np.ptp(y, axis=0) > LEVEL]  # what is the same throughout need not be steadier than that
@@ -209,11 +211,23 @@ def _kind(y: Array, levels: list[tuple[int, int]]) -> str:
     off_curve = np.abs(y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]).max(axis=1)
     levels_off, curve_off = np.percentile(off_levels, 60), np.percentile(off_curve, 60)
     spread = float(np.ptp(np.percentile(y, [5, 95], axis=0), axis=0).max())
-    if curve_off < min(levels_off, 0.3 * spread):
+    held = len(levels) > 1 and not _goes_on(y, levels)
+    if curve_off < min(levels_off if held else np.inf, 0.3 * spread):
         return "drift"
-    if len(levels) > 1 and levels_off < 0.3 * spread:
-        return "levels"
-    return "unsteady"
+    return "levels" if held and levels_off < 0.3 * spread else "unsteady"
+
+
+def _goes_on(y: Array, levels: list[tuple[int, int]]) -> bool:
+    """Whether y goes on changing within most levels towards the next one, as in a sweep, of which short enough pieces
+    are as close to it as any curve."""
+    goes = []
+    for (a, b), after in pairwise(levels):
+        step = np.median(y[slice(*after)], axis=0) - np.median(y[a:b], axis=0)
+        half = (b - a) // 2
+        within = np.median(y[b - half : b], axis=0) - np.median(y[a : a + half], axis=0)
+        k = np.argmax(np.abs(step))
+        goes.append(within[k] / step[k])
+    return bool(np.median(goes) > GOES_ON) if goes else False
 
 
 def refuse_unsteady(file: str, drive: Drive | None, clock: bool = True) -> None:

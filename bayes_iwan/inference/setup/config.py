@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 from bayes_iwan import former_names
 from bayes_iwan.arguments import path_of, shown
 from bayes_iwan.campaign.loops.resolution import POINTS
-from bayes_iwan.errors import InputError, nearest
+from bayes_iwan.errors import InputError, nearest, not_utf8
 from bayes_iwan.inference.setup.settings import (
     DiagnoseSettings,
     IdentifySettings,
@@ -141,7 +141,9 @@ def _tables(config: Config) -> tuple[dict[str, Any], str]:
         return tomllib.loads(path.read_bytes().decode("utf-8-sig")), str(config)
     except OSError as error:
         raise ConfigError(f"{config}: cannot be read ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{config} {not_utf8(error)}") from None
+    except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{config}: not valid TOML: {error}") from None
     except (RecursionError, ValueError) as error:  # nested without end; whole numbers of thousands of digits
         raise ConfigError(f"{config}: not a configuration: {str(error).splitlines()[0]}") from None

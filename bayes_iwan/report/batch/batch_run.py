@@ -136,7 +136,7 @@ def batch(
     if not names:
         raise BatchError(f"{source}: no folder in it holds a campaign.toml")
     settings = settings_of(config)
-    lots = {} if group is None else lots_of(source, group)
+    lots = {} if group is None else lots_of(source, group, names)
     with results_folder(out, "batch", source, overwrite=overwrite) as there:
         job = Job(source, there / "specimens", identify, diagnose, quick, seed, settings, keep_chains)
         pieces = {name: name for name in names}

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.shrinkage import Shrunk, shrunk
 from bayes_iwan.comparison.unusual import Unusual, rank_unusual
-from bayes_iwan.errors import InputError, nearest
+from bayes_iwan.errors import InputError, few, nearest, not_utf8
 from bayes_iwan.inference.results.population import Population, SpecimenDraws, population
 from bayes_iwan.report.page import Cell, Table
 from bayes_iwan.screen import Listed, Named, on_screen, screen
@@ -167,15 +167,17 @@ class Batch:
         return Table("batch", head, tuple(sorted(filled, key=lambda r: str(r[0]))))
 
 
-def lots_of(folder: Path, group: str) -> dict[str, str]:
-    """The lot of each specimen, from a column of FOLDER/specimens.csv.
+def lots_of(folder: Path, group: str, names: Sequence[str]) -> dict[str, str]:
+    """The lot of each of the specimens `names`, from a column of FOLDER/specimens.csv.
 
-    Raises BatchError where the file, its column "specimen" or that of the lots is missing.
+    Raises BatchError where the file, its column "specimen" or that of the lots is missing, or it names others.
     """
     path = folder / "specimens.csv"
     try:
         text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError):
+    except UnicodeDecodeError as error:
+        raise BatchError(f"{path} {not_utf8(error)}") from None
+    except OSError:
         raise BatchError(
             f'{path}: cannot be read; --group {group} takes lots from it: write a line "specimen,{group}" and below it '
             "a line for each campaign folder"
@@ -185,8 +187,16 @@ def lots_of(folder: Path, group: str) -> dict[str, str]:
     for name in ("specimen", group):
         if not rows or name not in rows[0]:
             known = nearest(name, rows[0]) if rows else "; it has no rows"
-            raise BatchError(f'{path}: has no column "{name}"{known}. Add it, or name another with --group')
-    return {str(row["specimen"]).strip(): str(row[group] or "").strip() for row in rows}
+            raise BatchError(f'{path}: has no column "{name}"; add it, or name another with --group{known}')
+    lots = {str(row["specimen"]).strip(): str(row[group] or "").strip() for row in rows}
+    said = []
+    if without := [x for x in names if x not in lots]:
+        said.append(f"no line for the campaign folder {few(without)}: add it, with no {group} where none is known")
+    if unknown := [x for x in lots if x not in names]:
+        said.append(f"no campaign folder {few(unknown)}: fix the name or delete the line")
+    if said:
+        raise BatchError(f"{path}: {'; '.join(said)}")
+    return lots
 
 
 def summarised(
