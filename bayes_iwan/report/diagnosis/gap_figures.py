@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from textwrap import fill
 
 import numpy as np
 from matplotlib import colormaps
@@ -90,7 +91,9 @@ def gap_map_figure(p: GapPictures) -> Figure:
     tests, n = displacement_mm.shape
     ratio = p.where.phase_N / np.maximum(p.where.expected_N, 1e-12)
     limit = max(4.0, float(np.quantile(np.abs(ratio), 0.98)))
-    figure, axes = subplots(2, 1, 7.0, 1.9 + 0.27 * tests, sharex=True, height_ratios=[1.0, max(0.35 * tests, 1.5)])
+    figure, axes = subplots(
+        2, 1, 7.0, max(1.9 + 0.27 * tests, 2.6), sharex=True, height_ratios=[1.0, max(0.35 * tests, 1.5)]
+    )
     top, ax = axes[:, 0]
     phase = (np.arange(n) + 0.5) / n
     u = displacement_mm / np.abs(displacement_mm).max(axis=1, keepdims=True)
@@ -103,7 +106,7 @@ def gap_map_figure(p: GapPictures) -> Figure:
         for t in range(tests):
             slipping = np.flatnonzero((sticking[t] < 0.5) & (np.roll(sticking[t], 1) >= 0.5))
             ax.plot(slipping / n, np.full(len(slipping), t + 0.5), "k|", markersize=8, markeredgewidth=1.2)
-    ax.set_yticks(np.arange(tests) + 0.5, list(names))
+    ax.set_yticks(np.arange(tests) + 0.5, [fill(n, 20) for n in names] if narrow() else list(names))
     ax.invert_yaxis()
     ax.grid(False)
     places = ("", "", "", "") if narrow() else ("\nmiddle, up", "\nupper end", "\nmiddle, down", "\nlower end")
