@@ -105,7 +105,7 @@ def test_the_mean_and_quantiles_of_the_slip_forces_are_compared_and_not_the_numb
     problem = SimpleNamespace(noise_names=frozenset(), names=names, prior=SimpleNamespace(free=free))
     joint = SimpleNamespace(
         problem=problem,
-        flat_z=lambda n: np.maximum(middle + sd * np.random.default_rng(9).standard_normal((n, 9)), -2.5),
+        flat_z=lambda n=4000: np.maximum(middle + sd * np.random.default_rng(9).standard_normal((n, 9)), -2.5),
         quantities=lambda: dict.fromkeys(("slip_force_q05_N", *quantiles)),
     )
     assert determined_names(joint) == ("kp_N_mm", "mean_slip_force_N", *quantiles)
