@@ -291,7 +291,7 @@ def _edges(d: Diagnosis) -> list[str]:
     if not d.edges:
         return []
     unit = {x.name: "" if x.unit in ("-", "") else f" {x.unit}" for x in d.edges}
-    meaning = {p.name: p.description for p in d.fit.problem.prior.free}
+    meaning = {p.name: p.description for p in d.search.base.problem.prior.free}
     some = ", ".join(
         f"{meaning[x.name]} ({x.name} = {plain(x.value)}{unit[x.name]}, {x.deviations:+.1f} prior sd)"
         for x in d.edges[:EDGES_SAID]

@@ -145,7 +145,7 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     unknown = unknown_cause_probability(by_size, found.figures, found.sets)
     differ = cycles_differ(found.search.data, named)
     unknown = SUREST if differ else unknown
-    free = {n for f in found.figures if not refused(f) for n in (f.name, *candidates_of(f, c))}
+    free = {n for f in found.figures if not refused(f) for n in candidates_of(f, c)}
     listed = beside_unlisted(any_of(found.sets, free), unlisted)
     probabilities |= {"none": (1.0 - listed) * (1.0 - unknown), "unknown": unknown}
     flagged = unknown >= PROBABLE
