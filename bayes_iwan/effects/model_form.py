@@ -70,6 +70,28 @@ class SlipForcesFree(_Series):
         return series.deviating(tables, top, self.coefficients(parameter_values))
 
 
+class SlipLimit(Effect):
+    """A limit that no slip force passes: no series of polynomials makes a distribution end at once."""
+
+    name = "slip_forces_free"
+    statement = SlipForcesFree.statement
+    law = "min(F_slip, F_limit): the share s of elements, whose slip forces would be larger, slip at F_limit together"
+    strength = ("limited_share", "s", "-", "share of the elements that slip together, last of all")
+    limit = 0.99
+    physics = "Contacts that hold longest all give way at once: macroslip, at a limit that the whole joint has."
+    reference = "Segalman, J. Appl. Mech. 72 (2005) 752 (four-parameter Iwan model)"
+    signature = "a branch that bends once more, sharply, and then follows the parallel spring alone"
+    look_alikes = SlipForcesFree.look_alikes
+    bench = SlipForcesFree.bench
+    remedy = SlipForcesFree.remedy
+
+    def first_guess(self) -> float:
+        return 0.2
+
+    def slip_table(self, tables: Array, top: Array, parameter_values: ParameterValues) -> Array:
+        return series.limited(tables, top, parameter_values[self.strength_name])
+
+
 class StiffnessLawFree(_Series):
     name = "stiffness_law_free"
     statement = "the elements' stiffness does not follow the normal force as Eq. (12) has it"
@@ -127,4 +149,4 @@ class NormalForceFree(_Series):
         return series.deviating_normal_force(alpha, basis, self.coefficients(parameter_values))
 
 
-EFFECTS: tuple[type[Effect], ...] = (SlipForcesFree, StiffnessLawFree, NormalForceFree)
+EFFECTS: tuple[type[Effect], ...] = (SlipForcesFree, SlipLimit, StiffnessLawFree, NormalForceFree)

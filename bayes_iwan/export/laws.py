@@ -231,6 +231,7 @@ LAWS: dict[type[Effect], Law] = {
         "as the stroke), 5e-4 otherwise",
     ),
     model_form.SlipForcesFree: law(),
+    model_form.SlipLimit: law(),
     model_form.StiffnessLawFree: law(stiffness="k *= exp(log(alpha) * ($exponent + 0.5 * $growth * log(alpha)));"),
     model_form.NormalForceFree: law(
         alpha="""{

@@ -215,6 +215,27 @@ def deviating(tables: Array, top: Array, coefficients: Array) -> Array:
     return out
 
 
+def limited(tables: Array, top: Array, share: Array) -> Array:
+    """A slip-force table (draws, cells, 4) whose largest slip forces, those of a share of the elements (draws,), all
+    stand at the least of them: L(min(φ, φ_s)) with S(φ_s) the share. A share of zero keeps the table bit for bit."""
+    out = tables.copy()
+    width = cell_width(tables.shape[1])
+    for d in np.flatnonzero(share):
+        per_h = 1.0 / (width * top[d])
+        held = tables[d, :, 1] * per_h  # S at the cells' starts
+        j = max(int(np.count_nonzero(held > share[d])) - 1, 0)
+        c0, c1, c2, c3 = tables[d, j]
+        less = c1 - share[d] / per_h[j]  # 3 c3 w² + 2 c2 w + less = 0
+        root = math.sqrt(max(c2 * c2 - 3.0 * c3 * less, 0.0))
+        w = 0.0 if root <= c2 else min(max(less / (root - c2), 0.0), 1.0)  # NaN is passed on
+        rise = w * (c1 + w * (c2 + w * c3))
+        # the end lies within the cell: its cubic takes L there and no slope beyond
+        out[d, j] = c0, c1, 3.0 * rise - 2.0 * c1, c1 - 2.0 * rise
+        out[d, j + 1 :] = 0.0
+        out[d, j + 1 :, 0] = c0 + rise
+    return out
+
+
 def linear_deviations(tables: Array, top: Array, order: int, octaves: int = 0) -> Array:
     """What a density f is changed by for each c_k, as tables.
 

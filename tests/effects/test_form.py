@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from bayes_iwan.effects.model_form import EFFECTS, NormalForceFree, SlipForcesFree, StiffnessLawFree
+from bayes_iwan.effects.model_form import EFFECTS, NormalForceFree, SlipForcesFree, SlipLimit, StiffnessLawFree
 from bayes_iwan.models import Model, sine_motion
 from bayes_iwan.models.simulator import recorded_force
 
@@ -21,8 +21,8 @@ def test_each_says_in_one_line_what_the_base_lacks(kind, kit):
     assert effect.statement and "\n" not in effect.statement and len(effect.statement) < 100
     assert len(effect.strength_names) == len(effect.parameters) and effect.scanned == ()
     assert all(v == 0.0 for v in effect.off.values())
-    assert effect.strength_name not in {p.name for p in effect.parameters}  # else its size would be one of its numbers
-    assert effect.reported(coefficients(effect, [0.1] * len(effect.parameters)))[effect.strength[0]][0] > 0.1
+    size = effect.reported(coefficients(effect, [0.1] * len(effect.parameters)))[effect.strength[0]][0]
+    assert size > 0.1 if len(effect.parameters) > 1 else size == 0.1
 
 
 def test_tilt_of_one_gamma_takes_up_slip_forces_with_a_limit(kit):
@@ -48,6 +48,22 @@ def test_tilt_of_one_gamma_takes_up_slip_forces_with_a_limit(kit):
     freed = optimize.least_squares(error, np.concatenate([alone.x, np.zeros(5)]), max_nfev=40)
     assert freed.cost < 0.17**2 * alone.cost and alone.cost > 0.0
     assert np.abs(freed.x[4:]).max() < 3.0
+
+
+def test_a_limit_of_a_power_law_is_segalmans_model(kit):
+    """Segalman's four-parameter Iwan model is a power law without an end of its own, cut at the limit."""
+    law = Model(kit.reference, slip="power_law", normal_force="constant", stiffness="constant")
+    share, chi, limit_N, effect = 0.25, -0.4, 4.0, SlipLimit(kit.scales)
+    own = {"kp_N_mm": 3.0, "k1_N_mm": 12.0, "slip_max_N": limit_N, "slip_chi": chi, "slip_end_share": share}
+    longer = own | {"slip_max_N": limit_N * (1.0 - share) ** (-1.0 / (chi + 1.0)), "slip_end_share": 0.0}
+    truth, uncut = ({n: np.array([v]) for n, v in some.items()} for some in (own, longer))
+    forces = [
+        recorded_force(law, (), truth, AT),
+        recorded_force(law, (effect,), uncut | effect.values_at(limited_share=share), AT),
+        recorded_force(law, (), uncut, AT),
+    ]
+    differs = [np.abs(f - forces[0]).max() / limit_N for f in forces]
+    assert differs[1] < 2e-3 and differs[2] > 0.05
 
 
 def test_reported_size_is_the_share_by_which_the_density_differs(kit, density_ratio):

@@ -85,6 +85,31 @@ def test_a_nonsense_draw_stays_nan_and_spoils_no_other():
     assert np.isnan(deviating[0]).any() and np.isfinite(deviating[1]).all()
 
 
+@pytest.mark.parametrize("eta, share", [(0.5, 0.3), (2.0, 0.02), (2.0, 0.2), (9.0, 0.9)])
+def test_slip_forces_with_a_limit_against_the_closed_form(eta, share):
+    """E[min(Φ, φ)] up to the limit, and the mean of min(Φ, limit) beyond it."""
+    law = stats.gamma(eta, scale=0.7)
+    values = {n: np.repeat(v, 2) for n, v in gamma_values(0.7, eta).items()}
+    tables, top = Gammas(1).table(values)
+    limited = series.limited(tables, top, np.array([0.0, share]))
+    np.testing.assert_array_equal(limited[0], tables[0])
+    end = law.isf(share)
+    phi = top[1] * np.linspace(0.0, 1.0, 4001)[1:] ** 3
+    held = np.minimum(phi, end)
+    truth = held * law.sf(held) + law.mean() * special.gammainc(eta + 1.0, held / 0.7)
+    # the corner is rounded over the cell that holds it
+    rounded = np.abs(phi - end) < 0.07 * end
+    error = np.abs(read(phi, limited[1], top[1]) - truth)
+    assert error[~rounded].max() < 1e-4 * end and error.max() < 0.02 * share * end
+
+
+def test_a_limit_passes_nan_on():
+    tables, top = Gammas(1).table({n: np.repeat(v, 3) for n, v in gamma_values(0.7, 2.0).items()})
+    tables[0] = np.nan
+    limited = series.limited(tables, top, np.array([0.2, np.nan, 0.2]))
+    assert np.isnan(limited[0, :, 0]).all() and np.isnan(limited[1]).any() and np.isfinite(limited[2]).all()
+
+
 @pytest.mark.parametrize("family", ["uniform", "power_law"])
 def test_tilt_of_other_families_keeps_their_support_and_moves_the_mean(family, density_ratio):
     parameter_values = {
