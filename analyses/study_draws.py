@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import argparse
 import pickle
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import bayes_iwan as bi
+from bayes_iwan.arrays import ParameterValues
 from bayes_iwan.campaign import Record
 from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import write_whole
@@ -54,13 +56,20 @@ def plan(seed: int, times: int) -> list[tuple[str, str | None]]:
 def own_model(rng: np.random.Generator) -> dict[str, Any]:
     """The package's own model, Table 1 of the paper, at large amplitudes, with noise on the force."""
     reference = bi.Scales(1.0, 0.063, 10.0, 1.2, 6.0, 14.0).reference
-    model, values = bi.Model(reference), table_1(reference)
     largest = float(np.exp(rng.uniform(*np.log(LARGE_MM))))
     amplitudes = np.round(largest * np.array([0.4, 1.0])[: int(rng.integers(1, 3))], 2)
+    records = records_of(bi.Model(reference), table_1(reference), amplitudes, rng)
+    return {"records": records, "truth": {"kind": "none", "effects": [], "friction_rms_N": float("nan")}}
+
+
+def records_of(
+    model: bi.Model, values: ParameterValues, amplitudes_mm: Iterable[float], rng: np.random.Generator
+) -> list[Record]:
+    """A model's loops at two or three frequencies, with the noise of sensors."""
     frequencies = np.round(float(rng.uniform(5, 12)) * np.array([1.0, 1.5, 2.5])[: int(rng.integers(2, 4))], 1)
     noise = float(np.exp(rng.uniform(*np.log(rig_cases.NOISE_RANGE))))
     records, n, cycles = [], 256, 20
-    for a in amplitudes:
+    for a in amplitudes_mm:
         for f in frequencies:
             motion = bi.sine_motion(frequency_hz=f, amplitude_mm=a, samples=n)
             force, u = (np.tile(x, cycles) for x in (model.force(values, motion)[0, 0], motion.displacement_mm[0, 0]))
@@ -69,8 +78,7 @@ def own_model(rng: np.random.Generator) -> dict[str, Any]:
             time_s = np.arange(u.size) / (n * f)
             records.append(Record(file=f"f{f:g}_a{a:g}.csv", frequency_hz=float(f), amplitude_mm=float(a), role="fit",
                                   extras={}, time_s=time_s, displacement_mm=u, force_N=force, warnings=()))  # fmt: skip
-    truth = {"kind": "none", "effects": [], "friction_rms_N": float("nan")}
-    return {"records": records, "truth": truth}
+    return records
 
 
 def drawn(shared: dict[str, Any], piece: tuple[int, str, str | None]) -> bytes:

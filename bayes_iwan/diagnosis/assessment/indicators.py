@@ -18,7 +18,7 @@ from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, moved_shares
 from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, share_by_test
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
-from bayes_iwan.diagnosis.search.search_result import Search, alike_pairs, any_alike, score
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM, Search, alike_pairs, any_alike, score
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.screen import on_screen
 
@@ -118,7 +118,8 @@ def figures_of(
                 odd=("" if sizes[none].all.resolved_share else "the base misses no more than noise may make")
                 or implausible(effect, best, data)
                 or implausible(effect, whole_in_newtons, data)
-                or replaced(search.fit(less), best),
+                # of the base's form it is what a number at the edge says
+                or ("" if name in MODEL_FORM else replaced(search.fit(less), best)),
             )
         )
     return tuple(out)
