@@ -69,7 +69,8 @@ class Card:
             ("Campaign", f"{self.tests} fitted tests, fingerprint {self.fingerprint}"),
             ("Made", f"{self.date} by bayes_iwan {self.version}, seed {self.seed}"),
             ("Model", f"{self.model}; {self.method}; set 0 is the point estimate, 1 to {self.draws} are draws"),
-            ("Units", f"force in {force}, stretch in {self.units['stretch']}; parameters in {displacement}, {force}"),
+            ("Units", f"force in {force}, stretch in {self.units['stretch']} (velocity {velocity}); parameters in "
+             f"{displacement}, {force}"),
             ("Tested", f"amplitude {between(self.amplitude_mm, displacement)}"),
             *([("", f"frequency {between(self.frequency_hz, 'Hz')}")] if self.frequency_hz else []),
             *([("", f"speed {between(self.speed_m_s, velocity)}")] if self.speed_m_s else []),
@@ -108,7 +109,7 @@ def card_of(device: Device, source: Source) -> Card:
         return float(np.min(values)), float(np.max(values))
 
     amplitude = span(problem.motion.amplitude_mm)
-    stretch = "m (velocity m/s)" if units.displacement == "mm" else f"1000 {units.displacement}"
+    length = units.velocity.removesuffix("/s")
     return Card(
         specimen="loops in memory" if campaign is None else campaign.name,
         description="" if campaign is None else campaign.description,
@@ -119,7 +120,7 @@ def card_of(device: Device, source: Source) -> Card:
         model=problem.model.name,
         method=source.method,
         draws=device.sets - 1,
-        units={n: getattr(units, n) for n in ("displacement", "force", "velocity")} | {"stretch": stretch},
+        units={n: getattr(units, n) for n in ("displacement", "force", "velocity")} | {"stretch": length},
         tests=len(loops),
         amplitude_mm=amplitude,
         frequency_hz=span(problem.motion.frequency_hz) if clock else None,

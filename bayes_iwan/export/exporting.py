@@ -140,8 +140,8 @@ def _around_the_step(device: Device, to: str) -> tuple[dict[str, str | bytes], t
         )
     if to == "drake":  # a LeafSystem with discrete state
         return {DRAKE: c_code.template(DRAKE)}, (
-            "isolator_drake.py: IsolatorSystem, input motion (m, m/s, m/s2), output force (N); its memory is discrete "
-            "state, updated every step_s",
+            "isolator_drake.py: IsolatorSystem, input motion (stretch, velocity, acceleration), output force; its "
+            "memory is discrete state, updated every step_s",
         )
     return {}, ()
 

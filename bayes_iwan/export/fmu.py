@@ -51,8 +51,8 @@ def files(device: Device, card: Card) -> tuple[dict[str, str | bytes], tuple[str
     if platform.system() not in _SYSTEMS:
         raise ExportError(f"FMUs are built on Linux and macOS, not on {platform.system()}; export to c and wrap that")
     notes = (
-        "inputs displacement (m), velocity (m/s), acceleration (m/s2); output force (N), a function of the inputs at "
-        "the same time; parameters draw (0 the point, then draws) and amplitude (m)",
+        "inputs displacement, velocity, acceleration; output force, a function of the inputs at the same time; "
+        "parameters draw (0 the point, then draws) and amplitude",
         f"isolator_fmi2.fmu: FMI 2.0, isolator_fmi3.fmu: FMI 3.0, co-simulation, built on {platform.machine()} "
         f"{platform.system()}; steps may vary, be rejected and restored",
     )
@@ -118,5 +118,6 @@ _BUILD = """<?xml version="1.0" encoding="UTF-8"?>
 def _description(version: int, guid: str, card: Card, sets: int, amplitude: float) -> str:
     """modelDescription.xml of FMI 2.0 or 3.0."""
     places = {"GUID": guid, "TOOL": f"bayes_iwan {card.version}", "AMPLITUDE": repr(amplitude), "LAST": str(sets - 1)}
+    places |= {"LENGTH": card.units["stretch"], "FORCE": card.units["force"]}
     about = escape(f"friction isolator {card.specimen}: {card.model}", quote=True)
     return filled(template(f"fmi{version}.xml"), places | {"ABOUT": about})

@@ -1,6 +1,9 @@
 """Each simulator that is installed gives the force of the package's own forward model, its files made without it."""
 
+import re
 import sys
+import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +11,10 @@ import pytest
 import bayes_iwan as bi
 import export_courses as rt
 import export_targets as simulators
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.export.device import ExportError, device_of, elements, steady_loops
 from bayes_iwan.export.json_file import ExportedModel
+from bayes_iwan.inference.setup.problem import make_problem
 
 CLASSICAL = {"slip": "gamma3", "normal_force": "constant", "stiffness": "constant"}
 
@@ -41,6 +46,24 @@ def test_an_fmu(version, rejects, problem_of, exported, draws):
     fmu = exported(problem, z, "fmu") / f"isolator_fmi{version}.fmu"
     assert validate_fmu(str(fmu)) == []
     right(simulators.fmu_force(fmu, rejects), problem, z)
+
+
+@pytest.mark.usefixtures("compiler")
+@pytest.mark.parametrize(
+    ("units", "length", "force"), [(Units("mrad", "N·m"), "rad", "N·m"), (Units(force="kPa"), "m", "kPa")]
+)
+def test_files_say_the_device_s_own_units(units, length, force, problem_of, exported, draws):
+    """A torque over an angle, a pressure over a stroke: not m and N."""
+    plain = problem_of()
+    loops = tuple(replace(x, record=replace(x.record, units=units)) for x in plain.loops)
+    problem = make_problem(loops, {"model": {"slip": "gamma1"}})
+    folder = exported(problem, draws(problem, 1), "fmu")
+    head = " ".join((folder / "isolator.c").read_text(encoding="utf-8").replace(" * ", " ").split())
+    assert f"stretch in {length} (velocity {length}/s)" in head and "(N)" not in head
+    for name in ("isolator_fmi2.fmu", "isolator_fmi3.fmu"):
+        text = zipfile.ZipFile(folder / name).read("modelDescription.xml").decode()
+        said = re.findall(r'description="[^"]*, ([^,"]*)"', text)
+        assert said[:5] == [length, f"{length}/s", f"{length}/s2", force, length]
 
 
 @pytest.mark.usefixtures("compiler")
