@@ -265,6 +265,9 @@ def test_lots_that_do_not_fit_the_folders_are_refused_before_anything_runs(tmp_p
         lots_of(tmp_path, "lot", ["a", "c"])
     with pytest.raises(BatchError, match=r"""has no column "lott"; add it, .*; did you mean 'lot'\?$"""):
         lots_of(tmp_path, "lott", ["a", "b"])
+    table.write_text("specimen,lot\na,1\nb,2\na,2\n")
+    with pytest.raises(BatchError, match="several lines for a: delete all but one"):
+        lots_of(tmp_path, "lot", ["a", "b"])
     table.write_bytes(b"specimen,lot\na,gr\xf6n\n")
     with pytest.raises(BatchError, match="line 2: not UTF-8"):
         lots_of(tmp_path, "lot", ["a"])

@@ -188,8 +188,11 @@ def lots_of(folder: Path, group: str, names: Sequence[str]) -> dict[str, str]:
         if not rows or name not in rows[0]:
             known = nearest(name, rows[0]) if rows else "; it has no rows"
             raise BatchError(f'{path}: has no column "{name}"; add it, or name another with --group{known}')
-    lots = {str(row["specimen"]).strip(): str(row[group] or "").strip() for row in rows}
+    names_in_rows = [str(row["specimen"]).strip() for row in rows]
+    lots = dict(zip(names_in_rows, (str(row[group] or "").strip() for row in rows)))
     said = []
+    if twice := [x for x in lots if names_in_rows.count(x) > 1]:
+        said.append(f"several lines for {few(twice)}: delete all but one")
     if without := [x for x in names if x not in lots]:
         said.append(f"no line for the campaign folder {few(without)}: add it, with no {group} where none is known")
     if unknown := [x for x in lots if x not in names]:
