@@ -135,8 +135,8 @@ def _around_the_step(device: Device, to: str) -> tuple[dict[str, str | bytes], t
         name = f"bayes_iwan.{hashlib.sha256(c_code.c_source(device, '').encode()).hexdigest()[:8]}"
         plugin = c_code.filled(c_code.template(PLUGIN), {"NAME": name})
         return {MUJOCO: c_code.template(MUJOCO), PLUGIN: plugin}, (
-            "isolator_mujoco.py: a force on a joint or tendon (mujoco 3 or later); isolator_plugin.c: the same as a "
-            f"plugin, {name}, for joints, its memory in mjData; the stretch is measured from the model's qpos0",
+            "isolator_mujoco.py: a force on a joint (mujoco 3 or later) or tendon (4 or later); isolator_plugin.c: the "
+            f"same as a plugin, {name}, for joints, its memory in mjData; the stretch is measured from qpos0",
         )
     if to == "drake":  # a LeafSystem with discrete state
         return {DRAKE: c_code.template(DRAKE)}, (

@@ -106,6 +106,32 @@ def test_a_simulator_that_wraps_the_step(name, problem_of, exported, draws):
     right(available(getattr(simulators, name), folder), problem, z)
 
 
+@pytest.mark.usefixtures("compiler")
+def test_a_device_on_a_tendon(problem_of, exported, draws, monkeypatch):
+    """A tendon of twice the joint's position: twice the stretch, twice the force."""
+    mujoco = pytest.importorskip("mujoco", "4", reason="pip install mujoco")
+    problem = problem_of()
+    where = simulators.exported(exported(problem, draws(problem, 1), "mujoco"), "isolator_mujoco")
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep="0.001" gravity="0 0 0"/>
+        <worldbody><body><joint name="j" type="slide"/><geom size="0.02" mass="1"/></body></worldbody>
+        <tendon><fixed name="t"><joint joint="j" coef="2"/></fixed></tendon></mujoco>"""
+    )
+    device, data = where.Device(model, tendon="t"), mujoco.MjData(model)
+    alone, u, v = where.Isolator(), 0.0, 0.1
+    data.qvel[0] = v
+    where.install(device)
+    for i in range(100):
+        mujoco.mj_step(model, data)
+        v -= 1e-3 * 2.0 * alone.step(1e-3 if i else 0.0, 2.0 * u, 2.0 * v) / model.body_mass[1]
+        u += 1e-3 * v
+        assert data.qpos[0] == pytest.approx(u, abs=1e-12)
+    where.install()
+    with pytest.raises(ValueError, match=r"tendon needs mujoco 4 or later, not "):
+        monkeypatch.setattr(where.mujoco, "mj_name2id", lambda *_: 0)
+        where.Device(object(), tendon="t")
+
+
 def test_opensees_springs_are_the_model_where_the_normal_force_is_constant(problem_of, exported, draws):
     problem = problem_of(**CLASSICAL)
     z = draws(problem, 2)
