@@ -132,6 +132,28 @@ def test_a_device_on_a_tendon(problem_of, exported, draws, monkeypatch):
         where.Device(object(), tendon="t")
 
 
+@pytest.mark.usefixtures("compiler")
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_a_reset_of_mujoco_leaves_nothing_of_the_simulation_before(steps, problem_of, exported, draws):
+    mujoco = pytest.importorskip("mujoco", reason="pip install mujoco")
+    problem = problem_of()
+    where = simulators.exported(exported(problem, draws(problem, 1), "mujoco"), "isolator_mujoco")
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="j" type="slide"/><geom size="0.02" mass="1"/></body></worldbody>
+        </mujoco>"""
+    )
+    device, data, forces = where.Device(model, joint="j"), mujoco.MjData(model), []
+    where.install(device)
+    for start in (0.0, 1e-3, 0.0):
+        mujoco.mj_resetData(model, data)
+        data.qpos[0] = start
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+            forces.append(device.force_N)
+    where.install()
+    assert forces[:steps] == forces[-steps:] != forces[steps:-steps]
+
+
 def test_opensees_springs_are_the_model_where_the_normal_force_is_constant(problem_of, exported, draws):
     problem = problem_of(**CLASSICAL)
     z = draws(problem, 2)
