@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import export_courses as rt
-from bayes_iwan.effects import catalogue, conditions, lag, mounting, paper_stages, specimen_forces
+from bayes_iwan.effects import catalogue, conditions, friction, lag, mounting, paper_stages, specimen_forces
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.device import ExportError, device_of, steady_loops
 from bayes_iwan.export.laws import LAWS, OF_THE_RIG
@@ -48,6 +48,26 @@ def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported
             force = rt.in_c(isolator)(d, h, u, v, -(w**2) * u, 1e-3 * AMPLITUDE)[-steps:]
             difference = force - np.roll(ours[d, :: FINE // steps], -1)
             assert np.sqrt(np.mean(difference**2) / np.mean(friction[d] ** 2)) < 3e-3
+
+
+@pytest.mark.usefixtures("compiler")
+@pytest.mark.parametrize("kind", [friction.FrictionFade, friction.SpringSoftening], ids=lambda kind: kind.__name__)
+def test_cycles_are_counted_from_where_the_motion_begins(kind, problem_of, exported, draws):
+    """At whatever time, after whatever rest, and wherever in the cycle (an infinite frequency took all friction)."""
+    problem = problem_of()
+    problem = problem.with_effects([made(kind, problem)])
+    isolator = rt.module(exported(problem, draws(problem, 5, seed=3, size=0.5)))
+    steps, w = 200, 2 * np.pi * HZ
+    for d in range(5):
+        widths = []
+        for start_s, rest_s, phase in ((0.0, 0.0, 0.0), (100.0, 0.0, 0.0), (0.0, 10.0, 0.0), (0.0, 0.0, np.pi / 2)):
+            device = isolator.Isolator(d, 1e-3 * AMPLITUDE, start_s)
+            device.step(rest_s, 0.0, 0.0)
+            at = w * np.arange(3 * steps + 1) / HZ / steps + phase
+            u, v = 1e-3 * AMPLITUDE * np.sin(at), 1e-3 * AMPLITUDE * w * np.cos(at)
+            device.step(0.0, u[0], v[0])
+            widths.append(np.ptp(device.run(1 / HZ / steps, u[1:], v[1:])[-2 * steps :]))
+        assert np.ptp(widths) < 5e-3 * widths[0], widths
 
 
 def test_every_effect_of_the_catalogue_is_exported_or_omitted_for_a_reason():

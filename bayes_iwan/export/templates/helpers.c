@@ -50,12 +50,17 @@ static void resonance(double w, double z, double h, double x0, double x1, double
     }
 }
 
-/* 1 where half a cycle has ended: u has gone back from a far point by a stroke that counts */
+/* 1 where half a cycle has ended: u has gone back from a far point by a stroke that counts. The first begins where the
+   motion does, after whatever rest; a jump in no time is none. */
 static int half_cycle(const isolator_parameters *p, isolator_state *s, double now, double u)
 {
     const double least = @LEAST_STROKE@ * p->length_mm;
     if (!(s->cycle_way > 0.0 || s->cycle_way < 0.0)) {
-        s->cycle_way = fabs(u) < least ? 0.0 : (u > 0.0 ? 1.0 : -1.0);
+        if (!(now > s->time_s)) {
+            s->cycle_turn_mm = u;
+        }
+        s->cycle_turn_s = s->time_s;
+        s->cycle_way = fabs(u - s->cycle_turn_mm) < least ? 0.0 : (u > s->cycle_turn_mm ? 1.0 : -1.0);
         s->cycle_far_mm = u;
         s->cycle_far_s = now;
         return 0;
