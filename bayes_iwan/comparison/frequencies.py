@@ -61,7 +61,7 @@ class Frequencies:
 
     groups : loops by frequency, lowest first. alone : posteriors of those frequencies that were identified alone.
     checks : one for each quantity that the loops determine; overall : of the worst of them, with the number of
-    quantities looked at allowed for. NaN where there is one frequency only.
+    quantities looked at allowed for. None and NaN where there is one frequency only, or no such quantity.
     """
 
     joint: Posterior
@@ -82,8 +82,9 @@ class Frequencies:
 
     def statement(self) -> str:
         """What the checks say, in words."""
-        if len(self.groups) < 2:
-            return "All tests are of one frequency: whether parameters wander with frequency cannot be seen."
+        if not self.checks:
+            why = "all tests are of one frequency" if len(self.groups) < 2 else "the tests determine no parameter"
+            return f"Whether parameters change with frequency cannot be seen: {why}."
         worst = min(self.checks, key=lambda c: c.p_value)
         if not self.agree:
             named = ", ".join(c.name for c in sorted(self.checks, key=lambda c: c.p_value) if c.p_value < 0.05)
@@ -162,6 +163,8 @@ def agreement(
     measured = (problem.measured_N - at_best)[None]
 
     names, units, gradient = _gradients(joint, best, physical)
+    if not names:
+        return (), float("nan")
     files = [x.file for x in problem.loops]
     steps, spread = [], []
     for loops in groups.values():
@@ -229,8 +232,8 @@ def _gradients(joint: Posterior, z: Array, physical: NDArray[np.int64]) -> tuple
     eye[np.arange(len(physical)), physical] = 1e-3
     found = quantities(joint.problem, np.concatenate([z[None], z + eye, z - eye]), joint.problem.loops[:1])
     names = [n for n in determined_names(joint) if n in found]
-    values = np.stack([found[n].values for n in names])
     n = len(physical)
+    values = np.array([found[name].values for name in names]).reshape(-1, 1 + 2 * n)
     gradient = (values[:, 1 : n + 1] - values[:, n + 1 :]) / 2e-3
     keep = np.flatnonzero(np.any(gradient != 0.0, axis=1) & np.all(np.isfinite(gradient), axis=1))
     return [names[i] for i in keep], [found[names[i]].unit for i in keep], gradient[keep]

@@ -46,6 +46,13 @@ def test_a_spring_that_changes_with_frequency_is_noticed(wandering):
     assert frequencies_table(found).csv().count("\n") > len(found.checks)
 
 
+def test_tests_that_determine_no_parameter_say_so(posterior, monkeypatch):
+    """The report ended in NumPy's error after the whole identification."""
+    monkeypatch.setattr("bayes_iwan.comparison.frequencies.determined_names", lambda joint: ())
+    found = compare_frequencies(posterior)
+    assert np.isnan(found.overall) and "determine no parameter" in found.statement()
+
+
 def test_one_frequency_says_so():
     alone = made_posterior(made_records(((10.0, 0.4, "fit"), (10.0, 1.0, "fit"))))
     found = compare_frequencies(alone)

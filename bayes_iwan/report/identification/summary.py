@@ -193,7 +193,7 @@ def findings(posterior: Posterior, regions: RegionChecks, by_frequency: Frequenc
     if posterior.held_out and all(x.holds for x in posterior.held_out):
         found.append(Finding(held_out_said(posterior.held_out), True, "Is the model enough?"))
     found.append(regions_finding(regions))
-    if len(by_frequency.groups) > 1:
+    if by_frequency.checks:
         found.append(Finding(by_frequency.statement(), by_frequency.agree, "Each frequency alone"))
     tests = () if posterior.campaign is None else posterior.campaign.tests
     if noted := [x.file for x in tests if x.warnings]:
