@@ -7,7 +7,8 @@ from collections.abc import Iterable
 class InputError(ValueError):
     """Something that the user gave cannot be used; one line that says what, where, and how to fix it.
 
-    The command line prints it and exits with 2. Any other exception is a defect of the package and is reported as one.
+    The command line prints it and exits with 2. Any other exception is a defect of the package, or of a
+    Python file of the user's own, and is reported as one.
     """
 
 

@@ -3,7 +3,8 @@
 
 A new command is a function with the decorator :func:`.command.command` in the file of its group, and its name in the
 list below. Bad input is an InputError anywhere in the package: it becomes one line on stderr, exit code 2. Every other
-exception is a defect of the package: it is said to be one, with the traceback, exit code 70.
+exception is a defect of the package, with the traceback, exit code 70, or of the Python file of a user's own that
+it came from, exit code 2: it is said to be one.
 """
 
 import argparse
@@ -114,8 +115,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say("bayes-iwan: not enough memory", logging.ERROR)
         return 2
     except Exception as error:
+        from bayes_iwan.models.user_file import place_in
+
         for line in traceback.format_exc().splitlines():
             say(line, logging.ERROR)
+        if place := place_in(error):
+            say(f"bayes-iwan: {place}: {type(error).__name__}: {error}; fix the file", logging.ERROR)
+            return 2
         said = f"bayes-iwan: {type(error).__name__}: this is a defect of bayes_iwan {__version__}, not of your input; "
         say(said + "please report it with the lines above and the command", logging.ERROR)
         return DEFECT

@@ -88,6 +88,13 @@ class Parameter:
     tied: str | None = None
     owner: str = ""
 
+    def __post_init__(self) -> None:
+        if not hasattr(self.prior, "dist"):
+            raise ParameterError(
+                f"{self.name}: the prior must be a frozen distribution of scipy.stats, such as stats.norm(0.0, 1.0), "
+                f"not {self.prior!r:.60}"
+            )
+
     def __repr__(self) -> str:
         return f"Parameter({self.name}: {self.prior_text()}{self.unit and ' '}{self.unit}, {self.description})"
 

@@ -7,6 +7,7 @@ import importlib.util
 import inspect
 import os
 import sys
+import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +38,16 @@ def file_of(kind: type) -> Path | None:
     """The user's file that a class was read from by :func:`classes_in`, None for any other class."""
     module = kind.__module__
     return Path(str(sys.modules[module].__file__)).resolve() if module.startswith(_NAMED) else None
+
+
+def place_in(error: BaseException) -> str:
+    """The line of a user's own file that an exception came through last; "" for one that came through none."""
+    places = [
+        f"{Path(frame.f_code.co_filename).name}, line {line}"
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if str(frame.f_globals.get("__name__", "")).startswith(_NAMED)
+    ]
+    return places[-1] if places else ""
 
 
 def _run(name: str, path: Path, error: type[ValueError]) -> ModuleType:

@@ -1,5 +1,6 @@
 """Models that are not of the Iwan model's shape are identified and diagnosed, each with a planted effect found."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -131,6 +132,45 @@ def test_own_simulator_by_the_command_line(tmp_path, capsys):
     page = (out / "report.html").read_text()
     assert "damped_spring" in page and "lip force" not in page.replace("stiffnesses and slip forces", "")
     assert not any(n.startswith(("slip_force", "alpha_", "mean_slip")) for n in rows)
+
+
+OWN = """
+import bayes_iwan as bi
+from scipy import stats
+
+
+class Spring(bi.Simulator):
+    name = "spring"
+
+    def parameters(self, scales):
+        return [bi.Parameter(n, "k", "N/mm", "spring", {prior}) for n in {names}]
+
+    def force(self, parameter_values, motion, effects=()):
+        return parameter_values["{read}"][:, None, None] * motion.displacement_mm
+"""
+
+
+@pytest.mark.parametrize(
+    ("names", "prior", "read", "says"),
+    [
+        (["k_N_mm"], "stats.norm(5.0, 1.0)", "k", r"bayes-iwan: own\.py, line 13: KeyError: 'k'; fix the file$"),
+        (
+            ["k_N_mm"],
+            "stats.norm",
+            "k_N_mm",
+            r"k_N_mm: the prior must be a frozen distribution of scipy\.stats, such as",
+        ),
+        (["k_N_mm"] * 2, "stats.norm(5.0, 1.0)", "k_N_mm", r"parameter names repeat: \['k_N_mm', 'k_N_mm'\]"),
+    ],
+)
+def test_a_mistake_in_a_user_s_file_is_not_called_a_defect_of_ours(names, prior, read, says, tmp_path, capsys):
+    path, campaign = tmp_path / "own.py", tmp_path / "campaign"
+    write_campaign(campaign, name="spring", description="", tests=made("damped_spring").tests)
+    path.write_text(OWN.format(names=names, prior=prior, read=read))
+    for command in ("identify", "diagnose"):
+        assert main([command, str(campaign), "--out", str(tmp_path / "out"), "--quick", "--simulator", str(path)]) == 2
+        printed = capsys.readouterr().err.strip()
+        assert re.search(says, printed.splitlines()[-1]) and "defect" not in printed
 
 
 def test_a_bad_simulator_is_one_line(tmp_path, capsys):

@@ -83,7 +83,7 @@ class Prior:
 
 def configured(parameters: Sequence[Parameter], changes: Mapping[str, ParameterChange]) -> tuple[Parameter, ...]:
     """Parameters with a user's changes by name. Raises ParameterError naming the parameter and what is wrong."""
-    by_name = {p.name: p for p in parameters}
+    by_name = {p.name: p for p in Prior(tuple(parameters)).parameters}  # which refuses names that repeat
     for name, change in changes.items():
         if name not in by_name:
             if said := former_names.renamed(name, former_names.PARAMETERS):
