@@ -4,14 +4,17 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting, specimen_forces
 from bayes_iwan.effects.base import Effect, EffectError, stages_of
 from bayes_iwan.effects.conditions import EFFECTS as OF_CONDITIONS
 from bayes_iwan.effects.conditions import FollowsCondition, following
 from bayes_iwan.effects.empirical_patterns import EFFECTS as WITHOUT_CAUSE
 from bayes_iwan.effects.paper_stages import missing_terms
-from bayes_iwan.models import Scales, Simulator
-from bayes_iwan.models.simulator import OUTER, offered
+from bayes_iwan.models import Model, Scales, Simulator, sine_motion
+from bayes_iwan.models.paper_parameters import table_1
+from bayes_iwan.models.simulator import INNER, OUTER, offered, recorded_force
 from bayes_iwan.models.user_file import classes_in
 
 #: what makes an effect from (scales, tests): its class, or one that knows the condition that it follows
@@ -92,7 +95,34 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[type[Effect], ...]:
         said: object = effect.strength
         if not (isinstance(said, tuple) and len(said) == 4 and all(isinstance(x, str) for x in said)):
             raise EffectError(f"{path}: {effect.__name__}.strength must be four texts: name, symbol, unit, description")
+        if wrong := _wrong_with(effect):
+            raise EffectError(f"{path}: {effect.__name__} {wrong}")
     return found
+
+
+def _wrong_with(kind: type[Effect]) -> str:
+    """What keeps an effect from being used, tried on two draws of Table 1 at 10 Hz and 1 mm; "" where nothing does."""
+    beside = any(getattr(kind, n) is not getattr(Effect, n) for n in ("recorded", "lines"))
+    if not (stages_of(kind) or beside):
+        return f"acts nowhere: give it a method {', '.join((*OUTER, *INNER))}, recorded or lines"
+    scales = Scales(length_mm=1.0, speed_m_s=0.1, force_N=5.0, slip_N=1.2, soft_N_mm=6.0, stiff_N_mm=14.0)
+    effect, model = kind(scales, ("test",)), Model(scales.reference)
+    if not 0.0 < (guess := effect.first_guess()) < np.inf:
+        return f"has first_guess = {guess}; it must be positive"
+    motion = sine_motion(frequency_hz=10.0, amplitude_mm=scales.length_mm)
+    values = {n: np.repeat(x, 2) for n, x in table_1(scales.reference).items()}
+    plain = model.force(values, motion)
+    off = np.asarray(
+        recorded_force(model, (effect,), values | {n: np.full(2, x) for n, x in effect.off.items()}, motion)
+    )
+    if off.shape != plain.shape:
+        return f"gives arrays of shape {off.shape}, not (draws, tests, samples) {plain.shape}"
+    change = float(np.abs(off - plain).max())
+    return (
+        ""
+        if change < 1e-6 * scales.slip_N
+        else f"changes the force by {change:.3g} N at strength 0; it must change none"
+    )
 
 
 def as_stored(effect: Effect) -> dict[str, object]:

@@ -84,6 +84,18 @@ def test_it_acts_on_the_recorded_force(tmp_path, kit):
         (GOOD.replace('    strength = ("share", "s", "-", "share of the force that is lost")\n', ""), "lacks strength"),
         (GOOD.replace('("share", "s", "-", "share of the force that is lost")', '"share"'), "strength"),
         (GOOD.replace('"softening"', '"soft.ening"'), "name"),
+        (GOOD.replace("def force", "def forces"), "acts nowhere: give it a method motion, around, force, "),
+        (GOOD.replace("return 0.1", "return 0.0"), "first_guess = 0.0; it must be positive"),
+        (GOOD.replace("(1.0 -", "(1.1 -"), "N at strength 0; it must change none"),
+        (
+            GOOD.replace("force_N * (", "float('nan') * force_N * ("),
+            "by nan N at strength 0",
+        ),
+        (
+            GOOD.replace("return force_N *", "return force_N[0] *").replace('"share"))', '"share")[0])'),
+            "shape (1, 128), not (draws, tests, samples) (2, 1, 128)",
+        ),
+        (GOOD.replace("        return force_N", "        force_N"), "gives arrays of shape ()"),
     ],
 )
 def test_bad_effect_files_are_named_with_the_fix(text, says, tmp_path):
