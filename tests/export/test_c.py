@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import export_courses as rt
+import export_targets as simulators
 from bayes_iwan.effects.mounting import FreePlay
 from bayes_iwan.export.device import steady_loops
 from bayes_iwan.models import sine_motion
@@ -94,6 +95,20 @@ def test_what_is_no_step_is_refused_and_changes_nothing(device, bad):
     assert one.save() == before
     with pytest.raises(ValueError, match="draw must be 0"):
         device.Isolator(99)
+
+
+def test_columns_of_different_lengths_are_refused(device, problem_of, exported, draws):
+    """A velocity of np.diff is one short: what was missing was zero."""
+    one = device.Isolator()
+    before = one.save()
+    for columns in ([0.0, 1e-4], [0.1]), ([0.0, 1e-4], [0.1, 0.1], [0.0]):
+        with pytest.raises(ValueError, match=r"must be as long as each other, not 2, "):
+            one.run(1e-3, *columns)
+    assert one.save() == before
+    problem = problem_of(normal_force="constant", stiffness="constant")
+    springs = simulators.exported(exported(problem, draws(problem, 1), "opensees"), "isolator_opensees")
+    with pytest.raises(ValueError, match=r"must be as long as each other, not 3, 2"):
+        springs.path([0.0, 1e-4, 2e-4], [0.1, 0.1], 1e-3)
 
 
 def test_wild_motions_give_finite_forces_within_a_bounded_memory(device):
