@@ -13,19 +13,21 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.export.c_code import substeps
 from bayes_iwan.export.device import Device, Source, effects_text, fixed_amplitude
+from bayes_iwan.models import Model
 from bayes_iwan.models.kernels.sliders import MAX_PIECES
 from bayes_iwan.models.motion import Y_FLOOR
 from bayes_iwan.models.normal_force import ALPHA_FLOOR
 
-CITATION = (
-    "Rajaei, Ahmadian and Tavakoli, generalized Iwan model of a friction vibration isolator (the model); "
-    f"bayes_iwan {__version__} (the identification)"
-)
+OF_MODEL = "Rajaei, Ahmadian and Tavakoli, generalized Iwan model of a friction vibration isolator (the model); "
+CITATION = f"bayes_iwan {__version__} (the identification)"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """The card as its JSON holds it; ranges are (least, largest), those of frequency and speed None without a clock."""
+    """The card as its JSON holds it; ranges are (least, largest), those of frequency and speed None without a clock.
+
+    amplitude, discretisation, step : "" where there are none.
+    """
 
     specimen: str
     description: str
@@ -50,8 +52,8 @@ class Card:
     unexplained_share: float
     discretisation: str
     step: str
+    cite: str
     target: tuple[str, ...] = ()
-    cite: str = CITATION
 
     def to_dict(self) -> dict[str, object]:
         """What model_card.json holds."""
@@ -64,11 +66,12 @@ class Card:
             return f"{pair[0]:.4g} to {pair[1]:.4g} {unit}"
 
         displacement, force, velocity = (self.units[x] for x in ("displacement", "force", "velocity"))
+        draws = f", 1 to {self.draws} are draws" if self.draws else ""
         rows = [
             ("Specimen", self.specimen + (f": {self.description}" if self.description else "")),
             ("Campaign", f"{self.tests} fitted tests, fingerprint {self.fingerprint}"),
             ("Made", f"{self.date} by bayes_iwan {self.version}, seed {self.seed}"),
-            ("Model", f"{self.model}; {self.method}; set 0 is the point estimate, 1 to {self.draws} are draws"),
+            ("Model", f"{self.model}; {self.method}; set 0 is the point estimate{draws}"),
             ("Units", f"force in {force}, stretch in {self.units['stretch']} (velocity {velocity}); parameters in "
              f"{displacement}, {force}"),
             ("Tested", f"amplitude {between(self.amplitude_mm, displacement)}"),
@@ -87,7 +90,9 @@ class Card:
             ("Cite", self.cite),
         ]  # fmt: skip
         return "\n".join(
-            textwrap.fill(text, 110, initial_indent=f"{name:14s} ", subsequent_indent=" " * 15) for name, text in rows
+            textwrap.fill(text, 110, initial_indent=f"{name:14s} ", subsequent_indent=" " * 15)
+            for name, text in rows
+            if text
         )
 
 
@@ -104,6 +109,7 @@ def card_of(device: Device, source: Source) -> Card:
     """The card of a device from the fitted tests of its source."""
     problem, campaign = source.problem, source.campaign
     loops, units, clock = problem.loops, problem.units, problem.loops[0].record.clock
+    iwan = isinstance(problem.model, Model)
 
     def span(values: Array) -> tuple[float, float]:
         return float(np.min(values)), float(np.max(values))
@@ -131,9 +137,13 @@ def card_of(device: Device, source: Source) -> Card:
             if clock
             else "larger strokes: the laws go on as they are, untested. Without a clock, nothing that depends on "
             "speed was seen",
-            f"slip forces end at {float(device.top_N[0]):.4g} {units.force}: with larger strokes all elements slip",
+            *(
+                f"slip forces end at {top:.4g} {units.force}: with larger strokes all elements slip"
+                for top in device.top_N[:1]
+                if np.isfinite(top)
+            ),
         ),
-        amplitude=_amplitude(device, source),
+        amplitude=_amplitude(device, source) if iwan else "",
         effects=device.named,
         omitted=device.omitted | {"force_zero": "belongs to the rig or its channels, not to the device"},
         unexplained_N=source.unexplained[0],
@@ -142,6 +152,7 @@ def card_of(device: Device, source: Source) -> Card:
         "forward model: below 0.1 % of the friction force (RMS) and of the energy at 20 steps a cycle and more "
         "(analyses/export_round_trip.py)",
         step=f"a twentieth of the shortest cycle in the motion, or less; each is divided by {substeps(device)} inside",
+        cite=(OF_MODEL if iwan else "") + CITATION,
     )
 
 

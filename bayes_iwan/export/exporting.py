@@ -114,7 +114,8 @@ def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[
     else:
         device = device_of(problem, source.z, (float(hz.min()), float(hz.max())))
     card = card_of(device, source)
-    if to == "json":
+    if to == "json":  # numbers, which nothing steps
+        card = replace(card, discretisation="", step="")
         return {**json_file.files(problem, source.z, card)}, card
     if to == "opensees":
         card = replace(card, discretisation=opensees.DISCRETISATION, step=opensees.STEP)
