@@ -68,3 +68,16 @@ def test_no_force_in_a_part_of_the_prior_is_warned_of_and_lived_with(known):
         check_simulator(partly)
     posterior = identify_problem(partly, 1, quick=True, progress=False)
     assert np.isfinite(posterior.log_prob).all() and np.isfinite(posterior.predict(10.0, 0.5).force_N).all()
+
+
+def test_a_motion_that_is_changed_is_refused(known):
+    """Speeds were 1 m/s from then on, in effects and on the model card too."""
+
+    class InPlace(Mine):
+        def force(self, parameter_values, motion, effects=()):
+            speed = motion.velocity_m_s
+            speed /= np.abs(speed).max()
+            return super().force(parameter_values, motion)
+
+    with pytest.raises(ModelError, match="changes the motion's arrays, which all calls share; change a copy"):
+        check_simulator(make_problem(known.loops(), {}, InPlace(lambda force, f: force)))

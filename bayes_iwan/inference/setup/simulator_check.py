@@ -19,8 +19,9 @@ class NoForce(UserWarning):
 def check_simulator(problem: Problem, seed: int = 0) -> None:
     """Ask the simulator for the force at draws of its prior.
 
-    Raises ModelError, naming the parameter values: a force of another shape or of complex numbers, none that is finite
-    anywhere, or one that depends on the other draws of the call. Warns NoForce where a part of the prior has none.
+    Raises ModelError, naming the parameter values: a motion that it changes, a force of another shape or of complex
+    numbers, none that is finite anywhere, or one that depends on the other draws of the call. Warns NoForce where a
+    part of the prior has none.
     """
     name = problem.model.name
     z = problem.prior.draw(np.random.default_rng([seed, 21]), DRAWS)
@@ -51,9 +52,13 @@ def check_simulator(problem: Problem, seed: int = 0) -> None:
 
 def _force(problem: Problem, z: Array) -> Array:
     """The simulator's own force (draws, tests, samples), checked for its shape and type."""
-    values, name = problem.parameter_values(z), problem.model.name
+    values, name, motion = problem.parameter_values(z), problem.model.name, problem.motion
+    given = (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)
+    before = [x.copy() for x in given]
     with np.errstate(all="ignore"):
-        force = np.asarray(problem.model.force(values, problem.motion))
+        force = np.asarray(problem.model.force(values, motion))
+    if not all(np.array_equal(x, y, equal_nan=True) for x, y in zip(given, before)):
+        raise ModelError(f"simulator {name}: `force` changes the motion's arrays, which all calls share; change a copy")
     expected = (len(z), problem.motion.loops, problem.motion.samples)
     if force.shape != expected:
         raise ModelError(
