@@ -96,6 +96,10 @@ def test_it_acts_on_the_recorded_force(tmp_path, kit):
             "shape (1, 128), not (draws, tests, samples) (2, 1, 128)",
         ),
         (GOOD.replace("        return force_N", "        force_N"), "gives arrays of shape ()"),
+        (
+            GOOD.replace("        return force_N", "        motion.velocity_m_s[:] *= 2.0\n        return force_N"),
+            "a copy",
+        ),
     ],
 )
 def test_bad_effect_files_are_named_with_the_fix(text, says, tmp_path):
