@@ -68,3 +68,16 @@ def test_a_nearly_elastic_loop_of_a_triangle_is_not_late_but_a_late_one_is(seed)
         )
         said = " ".join(check_record(record)[0].warnings)
         assert ("is late" in said) == wanted
+
+
+def test_a_specimen_that_hardens_under_a_triangle_does_not_jump(record):
+    """Three cycles from rest of a bilinear specimen that is harder after its first: the loop has the first cycle's
+    later part, samples of whole cycles only. Their energies differ, and the record was refused."""
+    phase = np.arange(480) / 160
+    u, force, slide = triangle(phase), np.zeros(480), 0.0
+    for i in range(1, 480):
+        slide = float(np.clip(slide + u[i] - u[i - 1], -0.5, 0.5))
+        force[i] = 30 * slide * (0.85 if phase[i] < 1 else 1.0)
+    r = replace(record(n_cycles=3), time_s=phase, displacement_mm=u, force_N=force, frequency_hz=1.0, clock=False)
+    loop = average(check_record(r)[0])
+    assert loop.corners and loop.cut.late > 0

@@ -166,6 +166,12 @@ class Loop:
         share = CORNERS_GAP * min(1.0, CORNERS_SAMPLES * self.n_cycles / used.size)
         return share if self.corners and share >= LEAST_GAP else 0.0
 
+    def force_of_cycles_N(self, cycles: np.ndarray) -> Array:
+        """(n_phase,) the force averaged over some of `cut.cycles`, each of them whole."""
+        averager = _averager(replace(self.cut, cycles=cycles, late=0.0), self.averager.n_harmonics, 1)
+        found = replace(averager, shift=self.averager.shift).solve([self.record.force_N])
+        return on_grid(found[0, -1], self.phase.size)
+
     def left_over(self, signal: Array) -> Array:
         """(n_kept,): what averaging over the whole record leaves of a (n,) signal, on `averager.index`'s samples."""
         signal = np.asarray(signal, dtype=float)

@@ -247,7 +247,9 @@ def _corners(loop: Loop) -> list[str]:
         cycles, first = np.unique(np.floor(loop.averager.phase[whole]), return_index=True)
         unit = loop.record.units.displacement
         stroke = float(np.median(np.maximum.reduceat(u, first) - np.minimum.reduceat(u, first)))
-        energy, own = _area(fine.displacement_mm, fine.force_N), _area(u, force) / cycles.size
+        # of the same cycles: a specimen that hardens or runs in is no jump
+        energy = _area(fine.displacement_mm, fine.force_of_cycles_N(cycles.astype(int)))
+        own = _area(u, force) / cycles.size
         # noise makes a stroke longer, never shorter
         if (
             abs(energy - own) > CORNER_ERROR * 2 * stroke * friction_N(fine)
