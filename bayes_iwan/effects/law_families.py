@@ -71,11 +71,12 @@ LOST = "lost_in_records"
 
 def lost_within(left: Array, blocks: Motion) -> dict[str, tuple[Array, str]]:
     """Of what a slow change leaves in each block of cycles, (draws, blocks, 1): the share that is lost from the first
-    block of a record to its last, on the mean over the tests, (draws,); negative where what has faded before the first
-    block is over is regained within the record."""
+    block of a record to its last, on the mean over the tests of several blocks, (draws,); negative where what has faded
+    before the first block is over is regained within the record. Nothing where no test has several."""
     lost = []
     for test in np.unique(blocks.test):
         at = np.flatnonzero(blocks.test == test)
         at = at[np.argsort(blocks.cycle[at])]
-        lost.append(1.0 - left[:, at[-1], 0] / left[:, at[0], 0])
-    return {LOST: (np.mean(lost, axis=0), "-")}
+        if at.size > 1:
+            lost.append(1.0 - left[:, at[-1], 0] / left[:, at[0], 0])
+    return {LOST: (np.mean(lost, axis=0), "-")} if lost else {}

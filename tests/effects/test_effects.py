@@ -365,6 +365,19 @@ def test_what_faded_before_the_first_block_was_over_may_be_regained(kit):
     assert told["lost_in_records"][0] < 0.0
 
 
+def test_records_of_one_block_of_cycles_tell_no_loss_within_them(kit):
+    """Three cycles a level, as in most quasi-static protocols, said "lost in records 0 ± 0" beside a fade of a half."""
+    effect, length = of("friction_fade", kit), kit.scales.length_mm
+    one = sine_motion(frequency_hz=[10.0] * 3, amplitude_mm=length, samples=16)
+    at = effect.values_at(drop=0.3, cycles=4.0, tail=0.0, recovery=0.0)
+    assert effect.within(at, replace(one, cycle=np.ones(3), test=np.arange(3))) == {}
+    two = replace(one, cycle=np.array([1.0, 1.0, 5.0]), test=np.array([0, 1, 1]))
+    alone = replace(sine_motion(frequency_hz=[10.0] * 2, amplitude_mm=length, samples=16), cycle=np.array([1.0, 5.0]))
+    alone = replace(alone, test=np.zeros(2, int))
+    (found, _), (expected, _) = (effect.within(at, x)["lost_in_records"] for x in (two, alone))
+    assert found == pytest.approx(expected)
+
+
 def test_direction_dependent_friction_makes_a_mean_force(kit):
     up, down = mid_stroke("direction_dependent_friction", kit, 0.2)
     assert (up, down) == (pytest.approx(1.2, rel=1e-6), pytest.approx(-0.8, rel=1e-6))
