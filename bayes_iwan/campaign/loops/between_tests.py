@@ -13,7 +13,7 @@ from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.loops.clipping import limits_of_loops, said_of
 from bayes_iwan.campaign.loops.drift import level_means
 from bayes_iwan.campaign.recording.records import CampaignError, Record
-from bayes_iwan.campaign.timing.groups import SAME
+from bayes_iwan.campaign.timing.groups import SAME, groups_of
 
 UNIT_MARGIN = 5.0  # two forces further apart than amplitude, frequency and load explain: a unit or gain error
 FEWEST = 4  # tests from which one can be distinguished from the others
@@ -48,7 +48,8 @@ def _odd_angles(loops: Sequence[Loop]) -> list[list[str]]:
         return out
     angle = np.array([_angle(loop) for loop in loops])
     size = np.log([loop.amplitude_mm for loop in loops])
-    x = np.column_stack([size, [loop.frequency_hz for loop in loops]])
+    hz = [loop.frequency_hz for loop in loops]
+    x = np.column_stack([size, hz if len(groups_of(hz)) > 1 else np.zeros(n)])  # not how one frequency is estimated
     x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-9)
     worst, excess, off = -1, 0.0, 0.0
     for k in range(n):
