@@ -69,6 +69,14 @@ def test_means_that_contradict_each_other_are_taken_off(record):
     assert check_record(kept[0])[1].noise_N[0] > 1.0, "what is left of the mean counts for little"
 
 
+def test_of_a_mean_at_the_median_nothing_is_taken_off_and_without_a_clock_no_frequency_is_named(record):
+    records, loops = (x[:5] for x in levels_of(record, [5.0, 5.0, 0.0, 4.0, 0.0, 5.0]))
+    loops = [replace(x, record=replace(x.record, clock=False)) for x in loops]
+    assert "nothing of it is taken off" in " ".join(w for r in compared(records, loops) for w in r.warnings)
+    (said,) = {w.partition("in a way that ")[2] for r in compared(records, loops) for w in r.warnings}
+    assert said.startswith("amplitude does not explain")
+
+
 @pytest.mark.parametrize("means", [[0.0] * 6, [125.0] * 6, [0.1, 0.4, 0.1, 0.4, 0.1, 0.4]])
 def test_means_that_a_specimen_can_have_stay(record, means):
     """None, one and the same, or what amplitude explains."""

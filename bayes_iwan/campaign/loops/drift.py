@@ -153,6 +153,7 @@ def level_means(records: Sequence[Record], loops: Sequence[Loop]) -> tuple[Recor
         return tuple(records)
     off = mean - np.median(mean)
     error = float(np.std(off, ddof=1))
+    explains = "amplitude and frequency do" if loops[0].record.clock else "amplitude does"
     return tuple(
         replace(
             r,
@@ -160,8 +161,8 @@ def level_means(records: Sequence[Record], loops: Sequence[Loop]) -> tuple[Recor
             mean_force_error_N=error,
             warnings=(
                 *r.warnings,
-                f"mean force {m:.4g} N ({m / level:+.0%} of the friction force): {d:+.3g} N of it is taken off, for "
-                f"the tests' means differ by {np.ptp(mean):.3g} N in a way that amplitude and frequency do not "
+                f"mean force {m:.4g} N ({m / level:+.0%} of the friction force): {f'{d:+.3g} N' if d else 'nothing'} "
+                f"of it is taken off, for the tests' means differ by {np.ptp(mean):.3g} N in a way that {explains} not "
                 "explain (the force channel's zero, a preload, or a mid-position)",
             ),
         )
