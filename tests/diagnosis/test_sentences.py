@@ -11,7 +11,7 @@ from bayes_iwan.campaign.recording.records import Record
 from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict
 from bayes_iwan.diagnosis.answer.imitation import Edge, Explanation, Imitation, said_in_text
 from bayes_iwan.diagnosis.answer.next_test import NextTest
-from bayes_iwan.diagnosis.answer.sentences import sentences
+from bayes_iwan.diagnosis.answer.sentences import next_sentence, sentences
 from bayes_iwan.diagnosis.answer.wording import few, force, percent, plain, title, value_of
 from bayes_iwan.diagnosis.assessment.budget import Gaps, Kind, OneOf, Suspect
 from bayes_iwan.diagnosis.assessment.calibration import calibration
@@ -110,6 +110,15 @@ KINDS = (
 def test_what_is_said_is_what_it_was(answers, reference, kind):
     """The words, too, which say a part of the rest."""
     reference({k: x for k, x in finite(to_dict(answers[kind])).items() if k in ("sentences", "verdict")})
+
+
+@pytest.mark.parametrize("bench, said", [
+    ("", "Next: run 12 Hz at 0.4 mm for 20 cycles. It tells whether there is friction fade (it would change"),
+    ("a pause", "Next: a pause. No one test that this rig can run would tell whether there is friction fade well."),
+])  # fmt: skip
+def test_an_effect_is_not_separated_from_no_effect(answers, bench, said):
+    following = replace(TIED.next_test, separates=("friction_fade", "none"), bench=bench)
+    assert next_sentence(replace(answers["unknown"], next_test=following)).startswith(said)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -222,6 +222,12 @@ def test_a_bench_advice_comes_before_a_test_that_would_not_help(tmp_path, found)
     assert text.index("One common signal") < text.index("No loop test that this rig can run separates")
 
 
+def test_a_test_for_one_effect_separates_it_from_nothing(tmp_path, found):
+    d = replace(found, next_test=NextTest(40.0, 1.0, 20, ("viscous_damping", "none"), 0.4, "a pause"))
+    text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
+    assert "can run tells whether there is viscous damping well: the best of them would change its odds by" in text
+
+
 def test_unknown_numbers_read_as_a_dash(tmp_path, found):
     numbers = found.parameters["viscous_damping"]
     parameters = {"viscous_damping": numbers | {"c_N_s_mm": replace(numbers["c_N_s_mm"], sd=float("nan"))}}

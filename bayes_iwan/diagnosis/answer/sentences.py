@@ -346,11 +346,19 @@ def next_sentence(d: Diagnosis) -> str:
         return "Next: no known effect is left for a test to separate; where the gap sits leads to its cause."
     if following is None:
         return "Next: no further test would separate these effects better."
-    pair = listed(following.separates)
+    verb, what, whose = in_question(following)
     if following.bench:
-        return f"Next: {following.bench}. No one test that this rig can run would separate {pair} well."
+        return f"Next: {following.bench}. No one test that this rig can run would {verb} {what} well."
     by = odds(following.expected_log_odds)
-    return f"Next: run {planned(following)}. It separates {pair} (it would change their odds by {by})."
+    return f"Next: run {planned(following)}. It {verb}s {what} (it would change {whose} odds by {by})."
+
+
+def in_question(test: NextTest) -> tuple[str, str, str]:
+    """What a test is for: its verb, what it separates or tells, and whose odds these are."""
+    some = [n for n in test.separates if n != "none"]
+    if len(some) == 1:
+        return "tell", f"whether there is {title(some[0])}", "its"
+    return "separate", listed(some), "their"
 
 
 def planned(test: NextTest) -> str:
