@@ -228,6 +228,19 @@ def test_a_test_for_one_effect_separates_it_from_nothing(tmp_path, found):
     assert "can run tells whether there is viscous damping well: the best of them would change its odds by" in text
 
 
+def test_a_gap_that_noise_hides_is_no_number_and_nothing_removes_more_than_can_be_removed(tmp_path, found):
+    """Pages of sound specimens said "0.00000176 mN", and one a ceiling of 53 % beside an effect that removes all."""
+    b, page = found.budget, tmp_path / "diagnosis.html"
+    hidden = {"rms_N": 1.8e-9, "low_N": 0.0}
+    text, _ = read(write_diagnosis_page(replace(found, budget=replace(b, after=replace(b.after, **hidden))), {}, page))
+    assert "RMS without and nothing beyond noise with all named effects" in text
+    assert re.search(r"No effect can be expected to remove\s+more than 100 % of the gap", text)
+    text, _ = read(
+        write_diagnosis_page(replace(found, budget=replace(b, before=replace(b.before, **hidden))), {}, page)
+    )
+    assert "there is no gap to shrink" in text and "mN with all" not in text
+
+
 def test_unknown_numbers_read_as_a_dash(tmp_path, found):
     numbers = found.parameters["viscous_damping"]
     parameters = {"viscous_damping": numbers | {"c_N_s_mm": replace(numbers["c_N_s_mm"], sd=float("nan"))}}

@@ -162,9 +162,10 @@ def _considered(d: Diagnosis) -> list[dict[str, object]]:
 
 
 def ceiling_shrink(d: Diagnosis) -> float:
-    """Share of the gap that a smooth discrepancy of any shape would remove: no effect can remove more."""
+    """Share of the gap that a smooth discrepancy of any shape would remove, or that all named effects do: no effect can
+    be expected to remove more."""
     before_N = d.budget.before.rms_N
-    return 1.0 - ceiling_N(d.residual) / before_N if before_N > 0.0 else 0.0
+    return 1.0 - min(ceiling_N(d.residual), d.budget.after.rms_N) / before_N if before_N > 0.0 else 0.0
 
 
 def write_answer(d: Diagnosis, out: Path) -> dict[str, object]:

@@ -129,6 +129,12 @@ class Which(DiagnosedSection):
 class HowFar(DiagnosedSection):
     heading, ceiling = "How far the gap shrinks", staticmethod(ceiling_shrink)
 
+    @property
+    def after(self) -> str:
+        """The gap that the named effects leave."""
+        after = self.r.found.budget.after
+        return force(after.rms_N) if after.low_N > 0.0 else "nothing beyond noise"
+
 
 class Moved(DiagnosedSection):
     heading = "How the identified parameters moved"
