@@ -48,6 +48,14 @@ def test_a_late_channel_may_give_out_more_energy_but_not_any_amount(tmp_path, re
         campaign(tmp_path / "more", [record(force=np.array([0, -4j * np.exp(-0.6j)]))])
 
 
+def test_a_delay_of_a_slow_test_is_in_seconds(tmp_path, record):
+    """A row a second: "5.6e+03 ms"."""
+    r = record(force=np.array([0, -4j * np.exp(-0.1j)]))
+    slow = replace(r, time_s=1e4 * r.time_s, frequency_hz=1e-4 * r.frequency_hz)
+    (test,) = campaign(tmp_path, [slow]).tests
+    assert any("late by 5.7° (15.9 s) and more" in w for w in test.warnings)
+
+
 @pytest.mark.parametrize("which", ["f10_a0.3.csv", "f15_a0.6.csv", "f20_a1.csv"])
 @pytest.mark.parametrize("factor", [1e3, 1e-3, 10.0, 0.1, 9.80665])
 def test_one_force_in_the_wrong_unit(tmp_path, record, which, factor):

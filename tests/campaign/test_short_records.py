@@ -88,6 +88,16 @@ def test_a_force_whose_size_changes_within_few_cycles_is_said(cycles):
     assert any("the force's amplitude" in w and "while the drive holds" in w for w in switched.warnings)
 
 
+def test_without_a_clock_no_mains_are_near_the_drive_s_frequency():
+    record = recorded(sine, 6)
+    fading = replace(record, force_N=(1 - 0.05 * record.time_s) * record.force_N)
+    (with_clock,), (without,) = (
+        [w for w in check_record(replace(fading, clock=clock))[0].warnings if "while the drive holds" in w]
+        for clock in (True, False)
+    )
+    assert "or mains interference near" in with_clock and "mains" not in without and "or a gain that drifts" in without
+
+
 def test_a_specimen_that_moved_before_loses_nothing():
     checked, loop = check_record(recorded(sine, 3, rest=False, noise=1e-3))
     assert loop.n_cycles == 3 and loop.cut.late == 0.0 and not checked.warnings

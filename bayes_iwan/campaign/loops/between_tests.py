@@ -12,6 +12,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.loops.clipping import limits_of_loops, said_of
 from bayes_iwan.campaign.loops.drift import level_means
+from bayes_iwan.campaign.loops.steadiness import late_by
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.groups import SAME, groups_of
 
@@ -64,8 +65,7 @@ def _odd_angles(loops: Sequence[Loop]) -> list[list[str]]:
         if over > excess:
             worst, excess, off = k, over, here
     if worst >= 0:
-        late_ms = 1e3 * abs(off) / 360 / loops[worst].frequency_hz
-        said = f" ({late_ms:.2g} ms)" if loops[worst].record.clock else ""
+        said = late_by(loops[worst], off)
         out[worst].append(
             f"the force {'leads' if off > 0 else 'lags'} by {abs(off):.0f}°{said} more than "
             "the other tests lead one to expect: a channel of this test is delayed? Its damping would be wrong by as "

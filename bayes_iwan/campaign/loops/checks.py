@@ -14,7 +14,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import FEWEST_PER_CYCLE, Loop, average
 from bayes_iwan.campaign.loops.drift import friction_N, level_record
 from bayes_iwan.campaign.loops.resolution import MOST_POINTS, coarse_steps
-from bayes_iwan.campaign.loops.steadiness import disturbances, when
+from bayes_iwan.campaign.loops.steadiness import disturbances, late_by, when
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.cycles import MOST_HARMONICS
 from bayes_iwan.campaign.timing.displacement_drift import COARSE, without_drift
@@ -320,10 +320,10 @@ def _angle(loop: Loop) -> list[str]:
     noise = float(loop.noise_N[1]) / max(float(np.abs(loop.harmonics_N[1])), 1e-300)
     if loss < -max(LATE_SAID, SIGMAS * noise):
         angle = math.degrees(math.atan2(-loss, elastic))
-        late = f" ({1e3 * angle / 360 / loop.frequency_hz:.2g} ms)" if loop.record.clock else ""
         what = (
-            f"the loop gives out energy, which no passive specimen does: the force is late by {angle:.2g}°{late} and "
-            "more, a delayed or AC-coupled channel, or the two channels are swapped"
+            "the loop gives out energy, which no passive specimen does: the force is late by "
+            f"{angle:.2g}°{late_by(loop, angle)} and more, a delayed or AC-coupled channel, or the two channels are "
+            "swapped"
         )
         if loss < -LATE:
             raise CampaignError(f"{loop.file}: {what}. Shift the force column back by its delay, and record both alike")

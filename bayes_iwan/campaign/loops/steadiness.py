@@ -219,11 +219,20 @@ def _force_amplitude(loop: Loop, each: Cycles) -> list[str]:
     spread = min(float(np.ptp(np.percentile(x, [5, 95]))) for x in (own, size))
     if spread <= max(FORCE, 5 * noise):
         return []
+    mains = ", a gain that drifts, or mains interference near the drive's frequency"
     return [
         f"the force's amplitude {_change(each, size)} over the cycles while the drive holds: a specimen that runs in, "
-        "warms or fades, a gain that drifts, or mains interference near the drive's frequency; run in for longer, "
-        "or let `diagnose` look for it"
+        f"warms or fades{mains if loop.record.clock else ', or a gain that drifts'}; run in for longer, or let "
+        "`diagnose` look for it"
     ]
+
+
+def late_by(loop: Loop, degrees: float) -> str:
+    """An angle of the cycle as a time in brackets, nothing where there is no clock."""
+    if not loop.record.clock:
+        return ""
+    late_s = abs(degrees) / 360 / loop.frequency_hz
+    return f" ({1e3 * late_s:.2g} ms)" if late_s < 1 else f" ({late_s:.3g} s)"
 
 
 def _step(loop: Loop, name: str, unit: str, each: Cycles, mean: Array, height: float) -> list[str]:
