@@ -106,6 +106,15 @@ def test_numbers_must_be_plausible_where_they_and_where_shares_are_from(kit, mon
         assert bool(odd[name]) == (one is not best or other is not nearest)
 
 
+def test_of_no_gap_an_effect_removes_nothing(kit):
+    """A gap beyond noise is often exactly nothing on a sound specimen."""
+    found = kit.diagnosed("viscous_damping").found
+    base = found.models.sizes[frozenset()]
+    sizes = {**found.models.sizes, frozenset(): replace(base, all=replace(base.all, rms_N=0.0, low_N=0.0))}
+    nearest = found.models.nearest[frozenset(found.search.chosen)]
+    assert all(f.fitted == f.alone == 0.0 for f in figures_of(found.search, sizes, nearest, found.held_out))
+
+
 @pytest.mark.parametrize(
     ("without", "beside", "owner", "why"),
     [(4.5, 1.0, "", "k1_N_mm"), (4.5, 4.2, "", ""), (2.0, 0.0, "", ""), (4.5, 1.0, "another effect", "")],

@@ -87,11 +87,15 @@ def figures_of(
     before, left = sizes[none].all.rms_N, sizes[whole].all.rms_N
     changes = sizes[none].along.rms_N >= LEAST_OF_FRICTION * level
     moved, ranked = moved_shares(best, data), [ranked_by_training(search, u) for u in held_out]
+
+    def of_gap(part_N: float) -> float:
+        return float(part_N / before) if before > 0.0 else 0.0
+
     out = []
     for effect in best.effects:
         name = effect.name
         less = whole - {name}
-        fitted, share_along = (sizes[less].all.rms_N - left) / before, None
+        share_along = None
         if changes and effect.evolving:
             along = {k: sizes[k].along.rms_N for k in (none, less, whole)}
             share_along = float((along[less] - along[whole]) / along[none])
@@ -105,8 +109,8 @@ def figures_of(
                 | {
                     next(iter(k - less)): v - top for k, v in search.scores.items() if less < k and len(k) == len(whole)
                 },
-                fitted=float(fitted),
-                alone=1.0 - sizes[frozenset({name})].all.rms_N / before,
+                fitted=of_gap(sizes[less].all.rms_N - left),
+                alone=of_gap(before - sizes[frozenset({name})].all.rms_N),
                 held_out=float(np.mean([chosen_share(u.power_N2, x, has) for u, x in zip(held_out, ranked)]))
                 if predicts
                 else float("nan"),
