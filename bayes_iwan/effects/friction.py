@@ -49,7 +49,7 @@ class StribeckWeakening(_OfSlipSpeed):
     )
     signature = "slipping force lower in mid-stroke than at its ends, more so at high frequency × amplitude"
     look_alikes = ("rate_strengthening",)
-    bench = "very slow tests, 0.1 Hz and below"
+    bench = "tests ten times slower than the slowest"
     remedy = "Give the model's friction a falling characteristic, or a lubricant whose friction does not fall."
 
     def first_guess(self) -> float:

@@ -77,7 +77,7 @@ class MaxwellBranch(_AddedForce):
     )
     signature = "in-phase and quadrature force ∝ amplitude with a knee at 1/(2πτ); fundamental only for a sine"
     look_alikes = ("viscous_damping", "force_highpass", "integration_highpass")
-    bench = "a test well below 1 Hz, where the branch is relaxed, or a step and hold"
+    bench = "a test ten times slower than the slowest, where the branch is relaxed, or a step and hold"
     remedy = "Give the model a relaxing branch, or quote stiffness and loss for the frequency of use."
 
     def first_guess(self) -> float:
