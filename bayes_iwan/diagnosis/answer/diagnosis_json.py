@@ -162,10 +162,14 @@ def _considered(d: Diagnosis) -> list[dict[str, object]]:
 
 
 def ceiling_shrink(d: Diagnosis) -> float:
-    """Share of the gap that a smooth discrepancy of any shape would remove, or that all named effects do: no effect can
-    be expected to remove more."""
+    """Share of the gap that a smooth discrepancy of any shape would remove, or that all named effects or one of those
+    not told apart do: no effect can be expected to remove more."""
     before_N = d.budget.before.rms_N
-    return 1.0 - min(ceiling_N(d.residual), d.budget.after.rms_N) / before_N if before_N > 0.0 else 0.0
+    if before_N <= 0.0:
+        return 0.0
+    left_N = min(ceiling_N(d.residual), d.budget.after.rms_N)
+    said = [x.share for x in d.verdict.one_of] + [x.share for x in d.verdict.suspects]
+    return max(0.0, 1.0 - left_N / before_N, *said)
 
 
 def write_answer(d: Diagnosis, out: Path) -> dict[str, object]:
