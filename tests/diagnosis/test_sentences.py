@@ -121,6 +121,14 @@ def test_an_effect_is_not_separated_from_no_effect(answers, bench, said):
     assert next_sentence(replace(answers["unknown"], next_test=following)).startswith(said)
 
 
+def test_where_each_amplitude_has_one_frequency_time_is_not_told_from_amplitude(answers):
+    """A constant speed, as most cyclic protocols have: a lag of 34 s was named on a joint that slackened."""
+    found, said = answers["named"], "Each amplitude was run at one frequency: a dependence on time could be one on"
+    assert said not in " ".join(sentences(found))
+    loops = tuple(replace(x, frequency_hz=1.0 / x.amplitude_mm) for x in found.data.loops)
+    assert said in " ".join(sentences(replace(found, data=replace(found.data, loops=loops))))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_text_and_json_agree(answers, kind):
     found = answers[kind]

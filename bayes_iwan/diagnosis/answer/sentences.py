@@ -1,5 +1,8 @@
 """The answer of a diagnosis in one screen of plain sentences, and what colour its box has."""
 
+from collections.abc import Sequence
+
+from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.answer.growth_laws import LEAST_RATIO
 from bayes_iwan.diagnosis.answer.imitation import Imitation, said_in_text
 from bayes_iwan.diagnosis.answer.next_test import NextTest
@@ -164,8 +167,9 @@ def _cause(c: Cause, d: Diagnosis) -> str:
         text += f"this one, {percent(c.gaps.alone)} with this one alone."
     if c.tied_with:
         text += f" These tests cannot tell it from {few(c.tied_with)}."
-    if d.search.effects[c.name][0].needs_clock and c.name not in NO_TIME_CONSTANT and not _frequencies_differ(d):
-        text += " The tests' frequencies hardly differ: a dependence on time could be one on amplitude."
+    why = _confounded(d)
+    if why and d.search.effects[c.name][0].needs_clock and c.name not in NO_TIME_CONSTANT:
+        text += f" {why}: a dependence on time could be one on amplitude."
     said = remedy(d, c.name)
     if c.name == "force_clipping" and not d.clipped:  # no amplifier: the remedy of one would be wrong
         said = "No record shows the one level of an amplifier: a specimen that yields or slides there does the same"
@@ -229,15 +233,26 @@ def _imitation(x: Imitation, d: Diagnosis) -> str:
     with_own, none = percent(share[x.name]), percent(x.without)
     text += f", with {own} instead {with_own}" if x.name not in x.tied and with_own != none else ""
     text += f", with none {none}."
-    if x.what == "speed dependence" and not _frequencies_differ(d):
-        text += " The tests' frequencies hardly differ, so a dependence on amplitude would look alike."
+    why = _confounded(d)
+    if x.what == "speed dependence" and why:
+        text += f" {why}, so a dependence on amplitude would look alike."
     return text
 
 
-def _frequencies_differ(d: Diagnosis) -> bool:
-    """Or is it said already that all tests are alike?"""
-    f = [loop.frequency_hz for loop in d.data.loops]
-    return max(f) >= LEAST_RATIO * min(f) or not parted(d.data)
+def _confounded(d: Diagnosis) -> str:
+    """Why a dependence on frequency could be one on amplitude; nothing where it could not, or all tests are alike,
+    which is said already."""
+    hz = [loop.frequency_hz for loop in d.data.loops]
+
+    def alike(tests: Sequence[int]) -> bool:
+        return max(hz[i] for i in tests) < LEAST_RATIO * min(hz[i] for i in tests)
+
+    if not parted(d.data):
+        return ""
+    if alike(range(len(hz))):
+        return "The tests' frequencies hardly differ"
+    each = groups_of([loop.amplitude_mm for loop in d.data.loops])
+    return "Each amplitude was run at one frequency" if all(alike(tests) for tests in each) else ""
 
 
 def _unexplained(d: Diagnosis) -> str:
