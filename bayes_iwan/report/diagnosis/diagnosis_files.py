@@ -57,9 +57,11 @@ def figures_of_diagnosis(found: Diagnosis) -> dict[str, Callable[[], Figure]]:
 def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[CycleResidual, ...]:
     """Residual in the first and the last block of cycles of the test that changes most, where most of the gap is
     change along the record, which the average cycle does not show; else nothing."""
-    if found.before.along.rms_N <= found.before.loop.rms_N:
+    several = [t for t, x in enumerate(found.residual.data.loops) if len(x.block_cycle) > 1]  # blocks of cycles
+    if not several or found.before.along.rms_N <= found.before.loop.rms_N:
         return ()
-    test = int(np.argmax(gap_power_N2(found.residual, (ALONG,))))
+    power_N2 = gap_power_N2(found.residual, (ALONG,))
+    test = max(several, key=lambda t: float(power_N2[t]))
     cycle = found.residual.data.loops[test].block_cycle
     half = 0.5 * float(cycle[1] - cycle[0])
     before = of_blocks(found.residual, found.residual.value, test)
