@@ -163,7 +163,7 @@ def _considered(d: Diagnosis) -> list[dict[str, object]]:
 
 def ceiling_shrink(d: Diagnosis) -> float:
     """Share of the gap that a smooth discrepancy of any shape would remove, or that all named effects or one of those
-    not told apart do: no effect can be expected to remove more."""
+    not separated do: no effect can be expected to remove more."""
     before_N = d.budget.before.rms_N
     if before_N <= 0.0:
         return 0.0
