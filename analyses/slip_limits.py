@@ -2,9 +2,9 @@
 
     python analyses/slip_limits.py --cases 24 --seed 26001
 
-A power law φ^χ of slip forces and a share of elements that all slip at its end are no mixture of three gammas. So the
-right answer is "another distribution of slip forces" where that leaves a gap, "none" where it does not. The normal force
-and the stiffness are those of Table 1, or constant in every second specimen.
+A power law φ^χ of slip forces and a share of elements that all slip at its end are no mixture of three gammas. So
+"another distribution of slip forces" is right where that leaves a gap, "none" where it does not. Normal force and
+stiffness are those of Table 1, or constant in every second specimen.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ LEAST_OF_FRICTION: Final = 0.001
 LARGEST_SCORE: Final = 4.0
 #: periods of the slowest test that a time constant of a cycle's signals may last
 LONGEST_PERIODS: Final = 3.0
-#: largest over smallest frequency that tells how a force follows frequency
+#: largest over smallest frequency, of tests of one amplitude, that tells how a force follows frequency
 CLOCK_SPREAD: Final = 1.15
 
 # ---- the verdict (assessment/verdict.py)

@@ -20,7 +20,7 @@ from bayes_iwan.diagnosis.answer.imitation import edges_of, imitations, said_in_
 from bayes_iwan.diagnosis.answer.localisation import Located, located, where
 from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
 from bayes_iwan.diagnosis.answer.result import Diagnosis, EffectParameter, Moved
-from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
+from bayes_iwan.diagnosis.answer.saved_fits import loops_of
 from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, weighed
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, GapBudget, Kind, Unexplained, Verdict, unexplained_share
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, calibration
@@ -344,10 +344,9 @@ def diagnose_campaign(
             bar.set_postfix_str(stage)
             bar.update()
 
-        loops = read.loops(**LOOPS)
         return diagnose_loops(
-            read, loops, seed=seed, quick=quick, settings=settings, extra=extra, simulator=model, report=report,
-            workers=workers,
+            read, loops_of(read), seed=seed, quick=quick, settings=settings, extra=extra, simulator=model,
+            report=report, workers=workers,
         )  # fmt: skip
 
 

@@ -69,6 +69,10 @@ class Records(Protocol):
     """What effects ask of a campaign's data: signals on each record's samples, averaged as its force was."""
 
     @property
+    def blocks(self) -> int:
+        """Blocks of cycles into which the record of most cycles is divided."""
+
+    @property
     def longest_s(self) -> float:
         """Duration of the longest record."""
 
@@ -209,8 +213,11 @@ class Effect:
         raise NotImplementedError
 
     def possible(self, data: Records) -> bool:
-        """Do the records allow it at all? data : the campaign's :class:`bayes_iwan.diagnosis.fits.data.GapData`."""
-        return True
+        """Do the records allow it at all? What changes from cycle to cycle needs a record of several blocks of cycles.
+
+        data : the campaign's :class:`bayes_iwan.diagnosis.fits.data.GapData`.
+        """
+        return not self.evolving or data.blocks > 1
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         """The other parameters by name."""

@@ -112,7 +112,20 @@ class RateStrengthening(_OfSlipSpeed):
         return alpha * self.own(grown, motion, parameter_values)
 
 
-class FrictionFade(Effect):
+class _FromCycleToCycle(Effect):
+    """What is lost from cycle to cycle."""
+
+    evolving = True
+
+    def left(self, motion: Motion, parameter_values: ParameterValues) -> Array:
+        """The share that is left in each loop, (draws, loops, 1)."""
+        raise NotImplementedError
+
+    def within(self, values: ParameterValues, blocks: Motion) -> dict[str, tuple[Array, str]]:
+        return lost_within(self.left(blocks, values), blocks)
+
+
+class FrictionFade(_FromCycleToCycle):
     name = "friction_fade"
     law = (
         "1 − d·(2π f A/v)^p·(1 − (1 + q x)^(−1/q))·e^(−r x), x = (n/n₀)·(A/ℓ)^m·(v/(2π f ℓ))^h; q → 0: exponential, "
@@ -121,7 +134,6 @@ class FrictionFade(Effect):
     )
     strength = ("drop", "d", "-", "share of the friction that is lost in the end")
     limit = 0.9
-    evolving = True
     physics = (
         "Friction falls over the cycles of a test toward a plateau: wear particles, polishing, or the polymer "
         "softening as it warms; what softens as it warms loses stiffness, too."
@@ -168,11 +180,8 @@ class FrictionFade(Effect):
     def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         return k * self.left(motion, parameter_values) ** self.get(parameter_values, "of_stiffness")
 
-    def within(self, values: ParameterValues, blocks: Motion) -> dict[str, tuple[Array, str]]:
-        return lost_within(self.left(blocks, values), blocks)
 
-
-class SpringSoftening(Effect):
+class SpringSoftening(_FromCycleToCycle):
     name = "spring_softening"
     law = (
         "1 − d·(2π f A/v)^p·(A/ℓ)^r·(1 − (1 + q x)^(−1/q)), x = (t/τ)·(2π f ℓ/v)^m, of all springs; m = 0: by time, "
@@ -180,7 +189,6 @@ class SpringSoftening(Effect):
     )
     strength = ("drop", "d", "-", "share of the stiffness that is lost in the end")
     limit = 0.9
-    evolving = True
     physics = (
         "The springs soften along a test, the friction stays: a rubber or polymer that warms, with time or with the "
         "power lost in it, or the stress softening of a filled rubber in its first cycles."
@@ -228,9 +236,6 @@ class SpringSoftening(Effect):
             return force_N
         lost = 1.0 - self.left(motion, parameter_values)
         return force_N - lost * parameter_values["kp_N_mm"][:, None, None] * motion.displacement_mm
-
-    def within(self, values: ParameterValues, blocks: Motion) -> dict[str, tuple[Array, str]]:
-        return lost_within(self.left(blocks, values), blocks)
 
 
 class DirectionDependentFriction(Effect):

@@ -83,7 +83,7 @@ class SlipLimit(Effect):
     signature = "a branch that bends once more, sharply, and then follows the parallel spring alone"
     look_alikes = SlipForcesFree.look_alikes
     bench = SlipForcesFree.bench
-    remedy = 'Identify with slip = "power_law", which has such an end, or limit the slip forces where this share begins.'
+    remedy = 'Identify with slip = "power_law", which has such an end, or limit the slip forces at this share.'
 
     def first_guess(self) -> float:
         return 0.2

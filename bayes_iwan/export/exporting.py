@@ -189,7 +189,7 @@ def _of_posterior(posterior: Posterior, draws: int) -> Source:
 def _of_saved_diagnosis(folder: Path, draws: int, campaign: PathLike | None) -> Source:
     if campaign is None:
         raise ExportError(f"{folder}: is a diagnosis; name its campaign as well (--campaign DIR)")
-    from bayes_iwan.diagnosis.answer.saved_fits import LOOPS, read_fits, rebuilt
+    from bayes_iwan.diagnosis.answer.saved_fits import loops_of, read_fits, rebuilt
     from bayes_iwan.diagnosis.fits.data import gap_data
 
     stored = read_fits(folder / "fits.json")
@@ -200,7 +200,7 @@ def _of_saved_diagnosis(folder: Path, draws: int, campaign: PathLike | None) -> 
         said = json.loads(answer.read_text(encoding="utf-8"))
         seed, unexplained = int(said["seed"]), (float(said["gap"]["after_rms_N"]), float(said["gap"]["after_share"]))
     read = read_campaign(campaign)
-    data = gap_data([x for x in read.loops(**LOOPS) if x.role != "held-out"])
+    data = gap_data([x for x in loops_of(read) if x.role != "held-out"])
     with reading(folder / "fits.json", ExportError, "diagnose again"):
         fit = rebuilt(stored, stored.fits[max(stored.fits, key=len)], data)
     return _of_fit(fit, read, draws, seed, unexplained)

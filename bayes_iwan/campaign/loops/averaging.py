@@ -152,6 +152,7 @@ class Loop:
     cut: Cut
     averager: Averager
     corners: bool = False
+    sharp: bool = False
 
     def __repr__(self) -> str:
         at = f"{self.frequency_hz:.4g} Hz, " if self.record.clock else ""
@@ -161,10 +162,11 @@ class Loop:
     @property
     def corners_gap(self) -> float:
         """Share of the friction force that filtered channels may make a model miss, the drive turning or stopping at
-        once; 0 where it does not, or is sampled so fast that it does no harm."""
+        once; 0 where it does not, where the corners are sharp, so that no filter rounds them, or where it is sampled so
+        fast that it does no harm."""
         used = self.averager.index
         share = CORNERS_GAP * min(1.0, CORNERS_SAMPLES * self.n_cycles / used.size)
-        return share if self.corners and share >= LEAST_GAP else 0.0
+        return share if self.corners and not self.sharp and share >= LEAST_GAP else 0.0
 
     def force_of_cycles_N(self, cycles: np.ndarray) -> Array:
         """(n_phase,) the force averaged over some of `cut.cycles`, each of them whole."""
@@ -258,6 +260,7 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = MOST_HARMONIC
         cut=cut,
         averager=averager,
         corners=corners,
+        sharp=kinked is not None,
     )
 
 

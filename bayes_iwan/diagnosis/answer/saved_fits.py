@@ -10,7 +10,8 @@ import numpy as np
 
 from bayes_iwan import former_names
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign import read_campaign
+from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.campaign.loops.resolution import POINTS, points_for
 from bayes_iwan.diagnosis.assessment.budget import shares_of
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.discrepancy_size import Discrepancy, DiscrepancySize, Linear
@@ -29,6 +30,13 @@ SCHEMA = 5
 AGAIN = "diagnose the campaign again"
 #: phases, harmonics and blocks of cycles that diagnoses work on
 LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
+
+
+def loops_of(campaign: Campaign) -> tuple[Loop, ...]:
+    """The loops that diagnoses work on: half as many phases as identifications where motions ask for more."""
+    loops = campaign.loops(**LOOPS)
+    points = points_for([x.displacement_mm for x in loops], [x.velocity_m_s for x in loops])
+    return loops if points == POINTS else campaign.loops(**LOOPS | {"n_phase": points // 2})
 
 
 class SavedFitsError(InputError):
@@ -136,7 +144,7 @@ def find_shares(diagnosis: Path, held_out_campaign: Path, *, allow_own_files: bo
     own = stored.effects_file or stored.simulator_file
     if own and not allow_own_files:
         raise SavedFitsError(f"{path}: names a Python file, which is not run unasked: {own}")
-    data = gap_data(read_campaign(held_out_campaign).loops(**LOOPS))
+    data = gap_data(loops_of(read_campaign(held_out_campaign)))
     with reading(path, SavedFitsError, AGAIN):
         power_N2 = {
             k: gap_power_N2(residual_of(data, rebuilt(stored, f, data), refitted=False)).mean()

@@ -75,6 +75,16 @@ def named_by(given: Sequence[Figures], sets: SetProbabilities, unlisted: float =
     return tuple(f.name for f in given if not refused(f) and p.get(f.name, 0.0) >= PROBABLE)
 
 
+def large_enough(found: Weighed, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of the named effects that remove as much as one must without the others of the best set, too."""
+    found.models.find(subsets(names))
+    sizes = found.models.sizes
+    gaps = gaps_of(names, {k: sizes[k].power_N2 for k in subsets(names)})
+    least = {f.name: least_share(f.name, f.before) for f in found.figures}
+    some = tuple(n for n in names if gaps[n].share >= least[n])
+    return some if some == names else large_enough(found, some)
+
+
 def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
     """An effect and what else could be in its place, the likeliest first."""
     there = {n: v for n, v in f.alternatives.items() if n not in NO_CAUSE and v > -c.apart}
@@ -136,8 +146,7 @@ def resembled(given: Iterable[Figures]) -> Figures | None:
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
     """Name causes, give each its share of the gap, and say whether the unexplained part needs a cause of its own."""
     unlisted = unlisted_probability(found, c)
-    named = named_by(found.figures, found.sets, unlisted)
-    found.models.find(subsets(named))
+    named = large_enough(found, named_by(found.figures, found.sets, unlisted))
     p = contributing(found.figures, found.sets, unlisted)
     probabilities = {n: p.get(n, 0.0) for n in found.search.effects if n not in NO_CAUSE}
     causes = _causes(found, named, probabilities, c, held_out)

@@ -72,6 +72,11 @@ class GapData:
     def tests(self) -> int:
         return len(self.loops)
 
+    @property
+    def blocks(self) -> int:
+        """Blocks of cycles into which the record of most cycles is divided."""
+        return most_blocks(self.loops)
+
     @cached_property
     def longest_s(self) -> float:
         """Duration of the longest record."""
@@ -114,11 +119,10 @@ class GapData:
     def folded(self, signals: Callable[[int, Array], Array]) -> np.ndarray:
         """(k, T, blocks, H + 1) signals on each record's samples averaged as its force was; zero where a test has fewer
         blocks. signals(t, time_s) : k signals of test t at the times of its record, (k, samples)."""
-        blocks = max(len(x.block_cycle) for x in self.loops)
         parts = []
         for t, loop in enumerate(self.loops):
             part = loop.averager.solve(signals(t, loop.record.time_s))[:, :-1]
-            parts.append(np.pad(part, ((0, 0), (0, blocks - part.shape[1]), (0, 0))))
+            parts.append(np.pad(part, ((0, 0), (0, self.blocks - part.shape[1]), (0, 0))))
         return np.stack(parts, axis=1)
 
     def layout(self, between: Between, evolving: bool) -> Layout:
@@ -134,7 +138,7 @@ class GapData:
     def part(self, which: Sequence[int]) -> GapData:
         """The data of some of the tests."""
         loops, at = tuple(self.loops[t] for t in which), list(which)
-        blocks = max(len(x.block_cycle) for x in loops)
+        blocks = most_blocks(loops)
         few = slice(0, max(blocks - 1, 0))
         return GapData(
             loops,
@@ -153,10 +157,15 @@ class GapData:
         )
 
 
+def most_blocks(loops: Sequence[Loop]) -> int:
+    """Blocks of cycles of the loop that has most of them."""
+    return max(len(x.block_cycle) for x in loops)
+
+
 def gap_data(loops: Sequence[Loop]) -> GapData:
     """Data from the loops to be fitted (the caller leaves held-out ones away)."""
     loops = tuple(loops)
-    blocks = max(len(x.block_cycle) for x in loops)
+    blocks = most_blocks(loops)
     level = friction_level_N(loops)
     contrast = np.zeros((len(loops), max(blocks - 1, 0), blocks))
     trend = np.zeros((len(loops), max(blocks - 1, 0), TREND_HARMONICS + 1), dtype=complex)
