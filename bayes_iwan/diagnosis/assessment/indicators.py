@@ -13,7 +13,13 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.timing.groups import groups_of
-from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LEAST_OF_FRICTION, LONGEST_PERIODS
+from bayes_iwan.diagnosis.constants import (
+    CLOCK_SPREAD,
+    LARGEST_SCORE,
+    LEAST_OF_FRICTION,
+    LONGEST_PERIODS,
+    SHOWN_BY_RECORD,
+)
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, moved_shares
@@ -86,7 +92,8 @@ def figures_of(
     data, best, top = search.data, search.fit(whole), search.scores[whole]
     level = float(np.sqrt(np.mean(data.level_N**2)))
     before, left = sizes[none].all.rms_N, sizes[whole].all.rms_N
-    changes = sizes[none].along.rms_N >= LEAST_OF_FRICTION * level
+    least_N = LEAST_OF_FRICTION * level
+    changes = sizes[none].along.rms_N >= least_N
     moved, ranked = moved_shares(best, data), [ranked_by_training(search, u) for u in held_out]
 
     def of_gap(part_N: float) -> float:
@@ -96,10 +103,9 @@ def figures_of(
     for effect in best.effects:
         name = effect.name
         less = whole - {name}
-        share_along = None
-        if changes and effect.evolving:
-            along = {k: sizes[k].along.rms_N for k in (none, less, whole)}
-            share_along = float((along[less] - along[whole]) / along[none])
+        less_along_N = float(sizes[less].along.rms_N - sizes[whole].along.rms_N)
+        share_along = less_along_N / sizes[none].along.rms_N if changes and effect.evolving else None
+        of_cycles = name not in SHOWN_BY_RECORD and all(e.evolving for e in search.effects[name])
         predicts = bool(held_out) and effect.strength_name in best.problem.names
         has = partial(any_alike, search.effects, name)
         out.append(
@@ -121,6 +127,11 @@ def figures_of(
                 along=share_along,
                 # numbers are reported from the one fit, shares from the other
                 odd=("" if sizes[none].all.resolved_share else "the base misses no more than noise may make")
+                or (
+                    "what it removes does not change from cycle to cycle"
+                    if of_cycles and less_along_N < least_N
+                    else ""
+                )
                 or implausible(effect, best, data)
                 or implausible(effect, whole_in_newtons, data)
                 # of the base's form it is what a number at the edge says
