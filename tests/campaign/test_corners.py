@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import sawtooth
+from scipy.signal import butter, sawtooth, sosfiltfilt
 
 from bayes_iwan.campaign import Record, average
 from bayes_iwan.campaign.loops.checks import check_record
@@ -22,6 +22,17 @@ def skewed(cycles):
     """Up in three tenths of the cycle, down in seven; crosses its mean upward at 0."""
     x = (cycles + 0.15) % 1
     return np.where(x < 0.3, x / 0.3, (1 - x) / 0.7) * 2 - 1
+
+
+@pytest.mark.parametrize("cut, sharp", [(None, True), (0.5, False)])
+def test_corners_that_no_filter_rounds_leave_no_gap_to_the_channels(record, cut, sharp):
+    """A filter of the channels, at half the Nyquist frequency, rounds the corners, and then it may round the force."""
+    r = record(n_cycles=20.3, rate_hz=1280.0, noise_N=0.01)
+    u = triangle(10 * r.time_s + 0.37) + 1e-4 * np.random.default_rng(1).normal(size=r.time_s.size)
+    u = u if cut is None else sosfiltfilt(butter(2, cut, output="sos"), u)
+    loop = average(replace(r, displacement_mm=u))
+    assert loop.corners and loop.sharp == sharp
+    assert (loop.corners_gap == 0.0) == sharp
 
 
 @pytest.mark.parametrize("shape", [triangle, trapezoid, skewed])

@@ -1,6 +1,7 @@
 """The budget's arithmetic against closed forms, the rules that refuse a name, and the calibration's promises."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.assessment.verdict import (
     beside_unlisted,
     contributing,
+    large_enough,
     named_by,
     one_of,
     refused,
@@ -98,6 +100,16 @@ PLACE = Figures(
     before=0.04,
     tests=6,
 )
+
+
+def test_what_removes_too_little_without_an_unnamed_effect_is_not_named_either():
+    """b removes a fifth of the gap beside c, which is not named; alone it removes a hundredth."""
+    gap = sets(none=1.0, a=0.5, b=0.99, a_b=0.49)
+    sizes = {k: SimpleNamespace(power_N2=np.full(4, v**2)) for k, v in gap.items()}
+    figures = [replace(PLACE, name=n, fitted=0.2) for n in "abc"]
+    found = SimpleNamespace(figures=figures, models=SimpleNamespace(sizes=sizes, find=lambda keys: None))
+    assert large_enough(found, ("a", "b")) == ("a",)
+    assert large_enough(found, ("a",)) == ("a",) and large_enough(found, ()) == ()
 
 
 TESTS = 6

@@ -7,15 +7,18 @@ all of them); here it is seen that a diagnosis refuses them too, and what it say
 from dataclasses import replace
 
 import drives as dr
+import numpy as np
 import pytest
 
-from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
+from bayes_iwan.campaign import CampaignError, Record, read_campaign, write_campaign
 from bayes_iwan.campaign.timing.corners import CORNERS_GAP
+from bayes_iwan.diagnosis.answer.saved_fits import loops_of
 from bayes_iwan.diagnosis.assessment.budget import Kind
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
 from bayes_iwan.diagnosis.diagnosis import diagnose_campaign, diagnose_loops
 from bayes_iwan.files import finite
+from bayes_iwan.models import Model, sine_motion
 from bayes_iwan.virtual_rig.simulate import Setup, with_noise
 from bayes_iwan.virtual_rig.specimen import paper_specimen
 
@@ -97,6 +100,33 @@ def test_a_gap_above_what_corners_make_is_assessed_with_the_drive_beside_it(corn
     if verdict.kind is Kind.UNKNOWN:
         said = " ".join(replace(cornered, verdict=verdict).sentences())
         assert "Up to 1 % of the friction force may be the channels'" in said
+
+
+def test_a_sharp_triangle_is_followed_by_as_many_points_as_it_needs(kit, tmp_path):
+    """Quasi-static tests: no filter rounds the corners, and a sound specimen leaves no gap to blame on them."""
+    model = Model(kit.reference, slip="gamma2")
+    turn = np.arange(4096) / 4096
+    shape = 2 / np.pi * np.arcsin(np.sin(2 * np.pi * turn))
+    speed = 4 * np.where(np.abs(turn - 0.5) < 0.25, -1.0, 1.0) * 1e-3  # m a cycle of 1 mm
+
+    def record(hz, amplitude):
+        motion = replace(
+            sine_motion(frequency_hz=hz, amplitude_mm=amplitude, samples=4096),
+            displacement_mm=amplitude * shape[None, None],
+            velocity_m_s=amplitude * hz * speed[None, None],
+            acceleration_m_s2=np.zeros((1, 1, 4096)),
+        )
+        force = model.force(kit.parameter_values_of(model), motion)[0, 0]
+        cycles = np.arange(4 * 120 + 1) / 120
+        noise = 0.002 * np.random.default_rng(int(100 * amplitude)).standard_normal(cycles.size)
+        u, f = (np.interp(cycles % 1.0, np.append(turn, 1.0), np.append(x, x[0])) for x in (amplitude * shape, force))
+        return Record(f"a{amplitude}_f{hz}.csv", hz, amplitude, "fit", {}, cycles / hz, u, f + noise)
+
+    read = campaign(tmp_path, [record(hz, a) for hz in (0.01, 0.02) for a in (0.3, 0.6, 0.9)])
+    loops = loops_of(read)
+    assert {x.phase.size for x in loops} == {256} and all(x.sharp and not x.corners_gap for x in loops)
+    found = diagnose_loops(read, loops, seed=1, quick=True, settings=kit.settings)
+    assert found.verdict.kind is Kind.NONE and found.before.all.resolved_share < 0.002
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2])

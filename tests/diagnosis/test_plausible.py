@@ -47,7 +47,7 @@ def test_a_time_constant_beyond_the_tested_periods_is_none(kit, law, refused):
     """Also of a lag with a transient along the record; softening may take as long as it wants."""
     laws = catalogue.variants()[law]
     effect = next(e for e in (k(kit.scales, ("t0.csv",)) for k in laws) if e.evolving or law == "channel_delay")
-    slow = SimpleNamespace(loops=[SimpleNamespace(frequency_hz=8.0), SimpleNamespace(frequency_hz=20.0)])
+    slow = SimpleNamespace(loops=[SimpleNamespace(frequency_hz=f, amplitude_mm=1.0) for f in (8.0, 20.0)])
     names = tuple(p.name for p in effect.parameters)
     for periods, beyond in ((0.1, False), (1.1 * LONGEST_PERIODS, True)):
         values = {n: np.array([periods / 8.0]) for n in names}
@@ -64,6 +64,9 @@ def test_an_effect_of_time_needs_frequencies_that_differ(kit):
     alike, apart = data_of(kit, 10.0, 10.0 * (CLOCK_SPREAD - 0.05)), data_of(kit, 10.0, 10.0 * (CLOCK_SPREAD + 0.1))
     assert "follows frequency" in implausible(effect, fit_with(kit, alike, effect, delay_s=2e-4), alike)
     assert implausible(effect, fit_with(kit, apart, effect, delay_s=2e-4), apart) == ""
+    one_speed = SimpleNamespace(loops=[x for x in apart.loops if (x.frequency_hz < 10.5) == (x.amplitude_mm > 0.5)])
+    assert len(one_speed.loops) == 2
+    assert "follows frequency" in implausible(effect, fit_with(kit, one_speed, effect, delay_s=2e-4), one_speed)
 
 
 def test_a_number_far_from_its_prior_is_not_plausible_but_towards_an_end_of_its_range(kit):
@@ -113,6 +116,21 @@ def test_of_no_gap_an_effect_removes_nothing(kit):
     sizes = {**found.models.sizes, frozenset(): replace(base, all=replace(base.all, rms_N=0.0, low_N=0.0))}
     nearest = found.models.nearest[frozenset(found.search.chosen)]
     assert all(f.fitted == f.alone == 0.0 for f in figures_of(found.search, sizes, nearest, found.held_out))
+
+
+def test_what_only_changes_from_cycle_to_cycle_must_explain_such_a_change(kit):
+    """Its powers of amplitude and frequency would else stand for any law of the amplitude."""
+    found = kit.diagnosed("friction_fade").found
+    whole = frozenset(found.search.chosen)
+    nearest = found.models.nearest[whole]
+
+    def odd(sizes):
+        return {f.name: f.odd for f in figures_of(found.search, sizes, nearest, found.held_out)}["friction_fade"]
+
+    assert odd(found.models.sizes) == ""
+    less = whole - {"friction_fade"}
+    steady = replace(found.models.sizes[less], along=found.models.sizes[whole].along)
+    assert "does not change from cycle to cycle" in odd({**found.models.sizes, less: steady})
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import permutations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -336,6 +337,15 @@ def test_friction_remembers_the_slip_speed_of_the_last_moment(name, kit):
 def test_friction_fade_at_cycle_n(cycle, kit):
     up, _ = mid_stroke("friction_fade", kit, 0.25, cycle, cycles=8.0)
     assert up == pytest.approx(1.0 - 0.25 * (1.0 - np.exp(-cycle / 8.0)), rel=1e-6)
+
+
+def test_what_changes_from_cycle_to_cycle_needs_several_blocks_of_cycles(kit):
+    """Levels of two or three cycles say nothing of it; a line of the mains needs a frequency instead."""
+    one, several = (SimpleNamespace(blocks=n, mains_possible=(True, True)) for n in (1, 4))
+    for kind in ALSO_SHAPES:
+        effect = kind(kit.scales, ("a.csv", "b.csv"))
+        assert effect.possible(several)
+        assert effect.possible(one) == (not effect.evolving or "mains" in effect.name)
 
 
 @pytest.mark.parametrize("name, n0", [("friction_fade", "cycles"), ("spring_softening", "tau_s")])
