@@ -116,7 +116,7 @@ def test_a_sharp_triangle_is_followed_by_as_many_points_as_it_needs(kit, tmp_pat
             velocity_m_s=amplitude * hz * speed[None, None],
             acceleration_m_s2=np.zeros((1, 1, 4096)),
         )
-        force = model.force(kit.parameter_values_of(model), motion)[0, 0]
+        force = model.force(kit.parameter_values(model), motion)[0, 0]
         cycles = np.arange(4 * 120 + 1) / 120
         noise = 0.002 * np.random.default_rng(int(100 * amplitude)).standard_normal(cycles.size)
         u, f = (np.interp(cycles % 1.0, np.append(turn, 1.0), np.append(x, x[0])) for x in (amplitude * shape, force))
