@@ -66,7 +66,7 @@ class SlipForce(Protocol):
         """Coefficients (draws, cells, 4) of L's cubics in N, and the φ (draws,) in N where S has died out."""
 
     def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
-        """S(φ) = P(Φ > φ), shape (draws, len(phi)); phi in N."""
+        """S(φ) = P(Φ > φ), shape (draws, n); phi in N, (n,) or (draws, n)."""
 
     def density(self, phi: Array, parameter_values: ParameterValues) -> Array:
         """Density φ̃(φ) in 1/N, shape (draws, len(phi))."""
@@ -215,7 +215,7 @@ class Gammas:
 
     def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
         t, eta, g = (a[:, :, None] for a in self._arrays(parameter_values))
-        return np.sum(g * special.gammaincc(eta, np.asarray(phi) / t), axis=1)
+        return np.sum(g * special.gammaincc(eta, np.asarray(phi)[..., None, :] / t), axis=1)
 
     def density(self, phi: Array, parameter_values: ParameterValues) -> Array:
         t, eta, g = (a[:, :, None] for a in self._arrays(parameter_values))

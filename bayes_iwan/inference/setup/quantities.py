@@ -20,7 +20,7 @@ from bayes_iwan.models.slip_force import SlipForce
 
 CHUNK = 1024  # draws predicted at a time, to stay in memory
 SLIP_SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
-_NODES = 240  # of the table that slip-force quantiles are read from
+_NODES = 320  # of the table that slip-force quantiles are read from
 
 
 def quantities(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -> dict[str, Derived]:
@@ -53,8 +53,7 @@ def _some(problem: Problem, z: Array, loops: Sequence[Loop], motion: Motion) -> 
     if isinstance(model, Model):
         family = model.slip_family
         out.setdefault("mean_slip_force_N", Derived("N", family.mean(parameter_values)))
-        quantiles = slip_quantiles(family, parameter_values, SLIP_SHARES, 12.0 * problem.scales.slip_N)
-        for share, x in zip(SLIP_SHARES, quantiles.T):
+        for share, x in zip(SLIP_SHARES, slip_quantiles(family, parameter_values, SLIP_SHARES).T):
             out[f"slip_force_q{round(100 * share):02d}_N"] = Derived("N", x)
         alpha = model.alpha(parameter_values, motion, inner_effects(problem.effects))
 
@@ -98,10 +97,9 @@ def loop_quantities(displacement_mm: Array, force_N: Array) -> LoopQuantities:
     return LoopQuantities(energy, ratio.real, energy / (np.pi * ratio.real * np.abs(u1) ** 2))
 
 
-def slip_quantiles(
-    family: SlipForce, parameter_values: ParameterValues, shares: Sequence[float], top_N: float
-) -> Array:
-    """Slip force (N) below which each share of the elements slips at rest, (draws, shares); at most top_N."""
-    phi = top_N * np.linspace(0.0, 1.0, _NODES) ** 2
-    below = 1.0 - family.survival(phi, parameter_values)
-    return np.stack([np.interp(shares, row, phi) for row in np.maximum.accumulate(below, axis=1)])
+def slip_quantiles(family: SlipForce, parameter_values: ParameterValues, shares: Sequence[float]) -> Array:
+    """Slip force (N) below which each share of the elements slips at rest, (draws, shares)."""
+    top = family.mean(parameter_values) / (1.0 - max(shares))  # Markov's inequality: no quantile is larger
+    phi = top[:, None] * np.linspace(0.0, 1.0, _NODES) ** 2
+    below = np.maximum.accumulate(1.0 - family.survival(phi, parameter_values), axis=1)
+    return np.stack([np.interp(shares, row, at) for row, at in zip(below, phi)])
