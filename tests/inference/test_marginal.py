@@ -71,9 +71,11 @@ def difference(marginal, z, shift):
     return found - marginal.problem.log_prob(marginal.joined(at, 1)) - by_value
 
 
-def test_the_integral_is_that_of_the_joint_density(marginal):
-    """At every c the same, for the joint density is the product, whatever the priors are: the density of c, of which
-    one changes a value by its scale."""
+@pytest.mark.parametrize("slip", ["gamma1", "uniform", "gaussian", "power_law"])
+def test_the_integral_is_that_of_the_joint_density(loops, slip):
+    """At every c the same, for the joint density is the product, whatever the priors and the family are: the density of
+    c, of which one changes a value by its scale."""
+    marginal = Marginal(make_problem(loops, {"model": SIMPLE["model"] | {"slip": slip}}))
     z = near(marginal.problem, 8, sd=1e-3)
     found = np.concatenate([difference(marginal, z, shift) for shift in (0.0, 1.0, -2.0)])
     scales = [scale for q, scale in zip(marginal._parameters, marginal._scale) if not q.normal]

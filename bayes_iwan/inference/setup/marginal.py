@@ -73,8 +73,7 @@ class Marginal:
         tied = {q.tied for q in p.prior.parameters}
         free = [n for n in p.names if exact and n not in tied]
         names = [n for n in SLIP_NAMES if n in free and p.prior[n].normal]
-        given = [q.name for q in p.prior.parameters if q.name in _ADDED_TO]
-        if not {*given, *TAIL_NAMES} <= {*free} or not {*TAIL_NAMES} <= {*names}:
+        if not {*_ADDED_TO} <= {*free} or not {*TAIL_NAMES} <= {*names}:  # or the family has no mean slip force
             names = [n for n in names if n not in TAIL_NAMES]
         return np.array([p.names.index(n) for n in (*names, *(n for n in self.also if n in free))], dtype=np.int64)
 
@@ -97,10 +96,9 @@ class Marginal:
         if {*TAIL_NAMES}.isdisjoint(p.names[i] for i in self.drawn) or not isinstance(p.model, Model):
             return []
         values = p.prior.values(z)
-        factors = {n: of(values) for n, of in _ADDED_TO.items() if n in p.names}
-        if "mean_slip_force_N" in factors:
-            own = values | dict.fromkeys(TAIL_NAMES, np.zeros(len(z))) | {"mean_slip_force_N": np.ones(len(z))}
-            factors["k1_N_mm"] /= FAMILIES[p.model.slip].survival(_SEEN, p.parameter_values_of(own))[:, 0]
+        factors = {n: of(values) for n, of in _ADDED_TO.items()}
+        own = values | dict.fromkeys(TAIL_NAMES, np.zeros(len(z))) | {"mean_slip_force_N": np.ones(len(z))}
+        factors["k1_N_mm"] /= FAMILIES[p.model.slip].survival(_SEEN, p.parameter_values_of(own))[:, 0]
         return [(p.names.index(n), p.prior[n], factor) for n, factor in factors.items()]
 
     @cached_property
