@@ -138,6 +138,13 @@ class Model(Simulator):
             alpha = effect.normal_force(alpha, motion, parameter_values)
         return np.maximum(alpha, ALPHA_FLOOR) if effects else alpha
 
+    def k(self, parameter_values: ParameterValues, alpha: Array) -> Array:
+        """Stiffness of the elements in N/mm, shaped as alpha (draws, loops, samples)."""
+        k = self.stiffness_law.k(parameter_values, alpha)
+        if self.embedded:
+            embedded_error.deviate_stiffness(k, alpha, parameter_values)
+        return k
+
     def friction_force(
         self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()
     ) -> Array:
@@ -172,9 +179,7 @@ class Model(Simulator):
             some = {name: value[part] for name, value in parameter_values.items()}
             moved = motion.of_draws(part)
             alpha = np.ascontiguousarray(self.alpha(some, moved, effects))
-            k = self.stiffness_law.k(some, alpha)
-            if self.embedded:
-                embedded_error.deviate_stiffness(k, alpha, some)
+            k = self.k(some, alpha)
             for effect in effects:
                 k = effect.stiffness(k, alpha, moved, some)
             k = np.ascontiguousarray(k)

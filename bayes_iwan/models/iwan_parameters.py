@@ -106,8 +106,9 @@ def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
         Parameter("k1_N_mm", "k(1)", "N/mm", "stiffness of the elements at α = 1", contact),
     ]
     if model.stiffness == "saturating":
-        what, prior = "d ln k / d ln α at α = 1; 0: k constant, 1: k ∝ α", stats.uniform(0, 1)
-        out.append(Parameter("elasticity", "ε", "-", what, prior, 1e-4, 1.0 - 1e-4))
+        more = ", to which q is added" if model.embedded else ""
+        what = f"d ln k / d ln α at α = 1{more}; 0: k constant, 1: k ∝ α"
+        out.append(Parameter("elasticity", "ε", "-", what, stats.uniform(0, 1), 1e-4, 1.0 - 1e-4))
     out += _slip_parameters(slip_force.FAMILIES[model.slip], scales)
     slope, rate = (f"relative change of the normal force with {x}" for x in ("displacement", "speed"))
     known = (

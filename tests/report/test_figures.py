@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from bayes_iwan.comparison.frequencies import compare_frequencies
+from bayes_iwan.models import embedded_error
 from bayes_iwan.report.identification import law_figures, loops, marginals, predictive_checks, sampling, trends
 from bayes_iwan.report.identification.by_frequency import alone_loops_figure
 from bayes_iwan.report.identification.predictive import predict
@@ -114,6 +115,19 @@ def test_replicates_have_no_unresolvable_harmonics(posterior):
         top = int(np.max(np.flatnonzero(resolved)))
         assert top < noise.shape[2] - 1
         assert np.max(noise[:, t, top + 1 :]) < 1e-9
+
+
+def test_fig_9_is_the_stiffness_that_the_force_has(posterior, monkeypatch):
+    """With the embedded model error: its exponent and Eq. (12) make up for each other, loops know what both give."""
+    model = replace(posterior.problem.model, embedded=True)
+    values = dict(posterior.parameter_values()) | dict.fromkeys(embedded_error.NAMES, np.zeros(posterior.log_prob.size))
+    values[embedded_error.STIFFNESS_NAME] = np.full(posterior.log_prob.size, 0.2)
+    monkeypatch.setattr(law_figures, "_posterior_values", lambda p: values)
+    problem = replace(posterior.problem, model=model)
+    figure = law_figures.stiffness_figure(replace(posterior, problem=problem), prior=False)
+    alpha, k = figure.axes[0].lines[-1].get_data()
+    law = model.stiffness_law.k(values, np.tile(alpha, (posterior.log_prob.size, 1, 1)))[:, 0]
+    np.testing.assert_allclose(k[1:], np.median(law * alpha**0.2, axis=0)[1:], rtol=1e-6)
 
 
 def test_files_vector_and_raster(posterior, tmp_path):

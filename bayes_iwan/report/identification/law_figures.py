@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.models import Model, ModelError, sine_motion
+from bayes_iwan.models.normal_force import ALPHA_FLOOR
 from bayes_iwan.models.simulator import inner_effects
 from bayes_iwan.report.axes import band, ticked
 from bayes_iwan.report.style import PRIOR, one_panel, series, styled, subplots
@@ -85,14 +86,15 @@ def _alpha_range(posterior: Posterior, parameter_values: ParameterValues) -> tup
 def stiffness_figure(posterior: Posterior, prior: bool = True) -> Figure:
     """Fig. 9: the elements' stiffness against the relative normal force; shaded where the tests went."""
     parameter_values = _posterior_values(posterior)
-    law = _model(posterior).stiffness_law
+    model = _model(posterior)
     low, high = _alpha_range(posterior, parameter_values)
     alpha = np.linspace(0.0, max(1.2, 1.25 * high), 121)
+    loaded = np.maximum(alpha, ALPHA_FLOOR)
     figure, ax = one_panel(4.6, 3.1)
     ax.axvspan(low, high, color="#DDDDDD", linewidth=0, label="α in the tests")
 
     def k(of: ParameterValues) -> Array:
-        return law.k(of, np.broadcast_to(alpha, (len(of["kp_N_mm"]), 1, len(alpha))))[:, 0]
+        return model.k(of, np.tile(loaded, (len(of["kp_N_mm"]), 1, 1)))[:, 0]
 
     drawn = k(parameter_values)
     band(ax, alpha, drawn, label="posterior")
