@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bayes_iwan.inference.results.predictions import shown_noise
 from bayes_iwan.inference.setup import discrepancy, likelihood
 from bayes_iwan.inference.setup.discrepancy import Correlated, on_phases
 from bayes_iwan.inference.setup.likelihood import KINDS, make_likelihood
@@ -297,6 +298,19 @@ def test_replicates_have_no_noise_where_there_are_no_data(problem, known):
     for t, top in ((0, 51), (1, 11)):
         noise = np.exp(p.likelihood.rotation[3])[1:top, t]
         np.testing.assert_allclose(c[:, t, 1:top].real.std(axis=0), noise, rtol=0.2)
+
+
+@pytest.mark.parametrize("kind", ["gaussian", "laplace"])
+def test_replicates_of_few_harmonics_err_as_much_as_measured_loops(problem, known, kind):
+    """noise_N is how far measured loops, which have their few harmonics alone, are off; so are replicates of these."""
+    few = np.where(np.arange(51) > 16, np.inf, problem.loops[0].noise_N)
+    p = make_problem([replace(x, noise_N=few) for x in problem.loops], {"likelihood": {"kind": kind}})
+    z = np.repeat(known.true_z(p), 400, axis=0)
+    n, force = p.parameter_values(z), p.predict(z)
+    error = shown_noise(p.likelihood.replicate(force, n, np.random.default_rng(3)) - force, p.loops)
+    weighted = p.likelihood.weights * np.abs(error) if kind == "laplace" else np.sqrt(p.likelihood.weights) * error
+    size = np.mean(np.abs(weighted)) if kind == "laplace" else np.std(weighted)
+    assert size == pytest.approx(n["noise_N"][0], rel=0.05)
 
 
 def test_unknown_likelihood_is_named(problem):

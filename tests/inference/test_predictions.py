@@ -15,7 +15,7 @@ from bayes_iwan.inference.results.predictions import (
     predicted_at,
     replicated,
     residual_size,
-    resolved,
+    shown_noise,
 )
 
 
@@ -98,8 +98,8 @@ def test_noise_that_is_shown_has_no_mean_and_no_harmonic_that_was_not_resolved()
     """A loop whose noise is known for harmonics 0 to 5 alone: of a mean and harmonics 1, 5 and 7 two are kept."""
     turn = 2.0 * np.pi * np.arange(64) / 64
     kept = 0.4 * np.cos(turn + 1.0) + 0.2 * np.sin(5.0 * turn)
-    loops = [SimpleNamespace(noise_N=np.full(6, 0.1)), SimpleNamespace(noise_N=np.array([0.1, 0.1, np.nan]))]
-    found = resolved(np.tile(kept + 3.0 + 0.3 * np.cos(7.0 * turn), (2, 2, 1)), loops)
+    loops = [SimpleNamespace(noise_N=np.full(6, 0.1)), SimpleNamespace(noise_N=np.array([0.1, 0.1, *4 * [np.nan]]))]
+    found = shown_noise(np.tile(kept + 3.0 + 0.3 * np.cos(7.0 * turn), (2, 2, 1)), loops)
     assert found[:, 0] == pytest.approx(np.tile(kept, (2, 1)))
     assert found[:, 1] == pytest.approx(np.tile(0.4 * np.cos(turn + 1.0), (2, 1)))
 

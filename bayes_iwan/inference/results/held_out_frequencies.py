@@ -14,7 +14,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.timing.groups import groups_of
-from bayes_iwan.inference.results.predictions import resolved
+from bayes_iwan.inference.results.predictions import shown_noise
 from bayes_iwan.inference.setup.marginal import Marginal
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
@@ -98,7 +98,7 @@ def predicted(problem: Problem, z: Array, loops: Sequence[Loop], seed: int) -> t
     force = problem.predict(z, motion_of((*problem.loops, *loops)))
     residual_N, force = problem.measured_N - force[:, :fitted], force[:, fitted:]
     noise = problem.likelihood.carried_over(residual_N, problem.parameter_values(z), loops, rng)
-    force = force - force.mean(axis=-1, keepdims=True) + resolved(noise, loops)
+    force = force - force.mean(axis=-1, keepdims=True) + shown_noise(noise, loops)
     measured = np.stack([x.force_N for x in loops])
     return force, measured - measured.mean(axis=-1, keepdims=True)
 

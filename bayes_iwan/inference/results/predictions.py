@@ -13,7 +13,7 @@ from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.setup.discrepancy import Correlated
-from bayes_iwan.inference.setup.loop_error import beyond_noise_N2, friction_rms_N, harmonics_of
+from bayes_iwan.inference.setup.loop_error import beyond_noise_N2, friction_rms_N, harmonics_of, resolved
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models.motion import sine_motion
 from bayes_iwan.screen import on_screen, screen
@@ -191,13 +191,7 @@ def replicated(
     return loop + (mean - loop.mean(axis=-1))[..., None]
 
 
-def resolved(noise_N: Array, loops: Sequence[Loop]) -> Array:
+def shown_noise(noise_N: Array, loops: Sequence[Loop]) -> Array:
     """Noise without its mean and without harmonics that the sampling cannot resolve: the loop shown has neither."""
-    c = np.fft.rfft(noise_N, axis=-1)
-    for t, loop in enumerate(loops):
-        kept = np.zeros(c.shape[-1])
-        count = min(len(kept), len(loop.noise_N))
-        kept[:count] = np.isfinite(loop.noise_N[:count])
-        kept[0] = 0.0
-        c[:, t] *= kept
-    return np.fft.irfft(c, n=noise_N.shape[-1], axis=-1)
+    kept = resolved(noise_N, loops)
+    return kept - kept.mean(axis=-1, keepdims=True)

@@ -20,7 +20,7 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.errors import nearest
 from bayes_iwan.inference.setup.config import ConfigError
 from bayes_iwan.inference.setup.discrepancy import MEASURED_BETWEEN, Correlated
-from bayes_iwan.inference.setup.loop_error import paper_weights
+from bayes_iwan.inference.setup.loop_error import paper_weights, resolved
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.inference.setup.priors import Parameter
 from bayes_iwan.inference.setup.spectrum import ODD_EVEN
@@ -118,9 +118,14 @@ class Independent:
     def _units(self) -> tuple[float, float]:
         if self.units is not None:
             return self.units
-        known = sum(2 * np.count_nonzero(np.isfinite(x.noise_N)) - 1 for x in self.loops)
         v = self._plain_weights
-        return float(np.exp(np.mean(np.log(v)))), known / v.size
+        return float(np.exp(np.mean(np.log(v)))), float(np.mean(self._known))
+
+    @property
+    def _known(self) -> Array:
+        """(tests,): numbers that a loop's harmonics are, over its samples."""
+        there = np.isfinite(np.stack([x.noise_N for x in self.loops]))
+        return (2 * np.count_nonzero(there, axis=1) - 1) / len(self.loops[0].phase)
 
     @property
     def _count(self) -> float:
@@ -151,10 +156,13 @@ class Independent:
         return (w * residual_N / noise_N).reshape(-1, *residual_N.shape[1:-2], w.size)
 
     def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
+        """Errors as large at each sample as the likelihood has them, in the harmonics that the loops have: so many
+        independent numbers, so few of them that Laplace errors would be normal, too."""
         scale = parameter_values["noise_N"][:, None, None]
-        if self.kind == "laplace":
-            return force_N + rng.laplace(size=force_N.shape) * scale / self.weights
-        return force_N + rng.standard_normal(force_N.shape) * scale / np.sqrt(self.weights)
+        unit = resolved(rng.standard_normal(force_N.shape), self.loops) / np.sqrt(self._known)[:, None]
+        if self.kind == "laplace":  # of the same mean absolute error
+            return force_N + np.sqrt(0.5 * np.pi) * unit * scale / self.weights
+        return force_N + unit * scale / np.sqrt(self.weights)
 
     def carried_over(
         self, residual_N: Array, parameter_values: ParameterValues, loops: Sequence[Loop], rng: np.random.Generator

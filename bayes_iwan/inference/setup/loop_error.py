@@ -52,3 +52,9 @@ def harmonics_of(force_N: Array, count: int) -> Array:
     c = fft.rfft(force_N, axis=-1)[..., :count] * (2.0 / force_N.shape[-1])
     c[..., 0] *= 0.5
     return c
+
+
+def resolved(force_N: Array, loops: Sequence[Loop]) -> Array:
+    """Forces (…, tests, samples) without harmonics that the loops' sampling cannot resolve."""
+    there = np.isfinite(np.stack([x.noise_N for x in loops]))
+    return np.fft.irfft(np.fft.rfft(force_N, axis=-1)[..., : there.shape[1]] * there, n=force_N.shape[-1], axis=-1)

@@ -8,7 +8,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.predictions import resolved
+from bayes_iwan.inference.results.predictions import shown_noise
 from bayes_iwan.models.motion import motion_of
 from bayes_iwan.models.simulator import FORCE_ZERO, straight_part
 
@@ -67,7 +67,7 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
     if other := [i for i, x in enumerate(chosen) if x.file not in files]:
         held_out = [chosen[i] for i in other]
         again[:, other] = force[:, other] + problem.likelihood.carried_over(residual_N, parameter_values, held_out, rng)
-    loop = force + resolved(again - force, chosen)
+    loop = force + shown_noise(again - force, chosen)
     scatter = np.stack([x.force_scatter_N for x in chosen])
     u = np.stack([x.displacement_mm for x in chosen])
     slope = problem.model.spring_N_mm(parameter_values)
