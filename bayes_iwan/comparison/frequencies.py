@@ -44,15 +44,16 @@ class Agreement:
     """One quantity, frequency by frequency.
 
     p_value : chance that frequencies would differ by more than measured if one set of values held for all.
-    estimate, error : (frequencies,) each frequency alone, by one Gauss–Newton step from the joint optimum, and its
-    standard error: quick, and right where the posterior is near Gaussian.
+    estimate, low, high : (frequencies,) each frequency alone, by one Gauss–Newton step from the joint optimum, and its
+    90 % interval: quick, and right where the posterior is near Gaussian in z.
     """
 
     name: str
     unit: str
     p_value: float
     estimate: Array
-    error: Array
+    low: Array
+    high: Array
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ def agreement(
     if not names:
         return (), float("nan")
     files = [x.file for x in problem.loops]
-    steps, spread = [], []
+    steps, spread, ways = [], [], []
     for loops in groups.values():
         part = _problem(joint, loops)
         tests = [files.index(x.file) for x in loops]
@@ -188,7 +189,9 @@ def agreement(
         every = np.concatenate([measured, drawn])[:, tests]
         right = rows(every) @ jacobian.T - best[physical]
         steps.append(np.clip(np.linalg.solve(information, right.T).T, -_REACH, _REACH))
-        spread.append(np.einsum("qi,ij,qj->q", gradient, np.linalg.inv(information), gradient))
+        way = np.linalg.solve(information, gradient.T).T  # along which each quantity is uncertain
+        spread.append(np.einsum("qi,qi->q", way, gradient))
+        ways.append(way / np.sqrt(spread[-1])[:, None])
     q = np.einsum("fdi,qi->fdq", np.array(steps), gradient)
     weight = 1.0 / np.array(spread)[:, None, :]
     mean = np.sum(weight * q, axis=0) / np.sum(weight, axis=0)
@@ -197,12 +200,14 @@ def agreement(
     p = 1.0 - (rankdata(t, method="min", axis=0) - 1.0) / len(t)
     worst = p.min(axis=1)
     overall = float(np.mean(worst <= worst[0]))
-    moved = np.repeat(best[None], len(groups), axis=0)
-    moved[:, physical] = np.clip(best[physical] + np.array(steps)[:, 0], -Z_LIMIT, Z_LIMIT)
-    found = quantities(problem, moved, problem.loops[:1])
-    estimates, errors = np.stack([found[n].values for n in names], axis=1), np.sqrt(np.array(spread))
+    moved = np.tile(best, (3, len(groups), len(names), 1))  # middle, one end and the other
+    moved[..., physical] += np.array(steps)[:, 0, None]
+    moved[1:, ..., physical] += 1.645 * np.multiply.outer([-1.0, 1.0], ways)
+    found = quantities(problem, np.clip(moved, -Z_LIMIT, Z_LIMIT).reshape(-1, problem.ndim), problem.loops[:1])
+    values = [found[n].values.reshape(3, len(groups), -1)[..., i] for i, n in enumerate(names)]
     return tuple(
-        Agreement(n, u, float(p[0, i]), estimates[:, i], errors[:, i]) for i, (n, u) in enumerate(zip(names, units))
+        Agreement(n, u, float(p[0, i]), x[0], x.min(axis=0), x.max(axis=0))
+        for i, (n, u, x) in enumerate(zip(names, units, values))
     ), overall
 
 

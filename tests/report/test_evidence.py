@@ -30,8 +30,16 @@ def test_one_specimen_agrees_with_itself(posterior):
     found = compare_frequencies(posterior)
     assert found.overall > 0.05 and "The frequencies agree" in found.statement()
     kp = next(c for c in found.checks if c.name == "kp_N_mm")
-    assert np.all(np.abs(kp.estimate - TRUTH["kp_N_mm"]) < 4 * kp.error)
+    assert np.all(np.abs(kp.estimate - TRUTH["kp_N_mm"]) < 4 / 3.29 * (kp.high - kp.low))
     assert list(found.hz) == pytest.approx([10, 20], rel=1e-3)
+
+
+def test_an_estimates_interval_is_normal_in_z(posterior):
+    """So of a number with a lognormal prior it is symmetric in its logarithm, and never reaches below zero."""
+    checks = {c.name: c for c in compare_frequencies(posterior, replicates=50).checks}
+    for name in ("kp_N_mm", "k1_N_mm", "mean_slip_force_N"):
+        c = checks[name]
+        assert np.all(c.low < c.estimate) and c.low * c.high == pytest.approx(c.estimate**2, rel=1e-9)
 
 
 def test_a_spring_that_changes_with_frequency_is_noticed(wandering):

@@ -10,7 +10,7 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.report.axes import band, ticked
 from bayes_iwan.report.identification.loops import some_tests, test_name
-from bayes_iwan.report.identification.marginals import interval, number, symbol_of, with_unit
+from bayes_iwan.report.identification.marginals import in_interval, interval, number, symbol_of, with_unit
 from bayes_iwan.report.identification.tables import spread
 from bayes_iwan.report.page import Cell, Table
 from bayes_iwan.report.style import BLACK, MODEL, RED, narrow, panels, styled
@@ -53,8 +53,9 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         ax.axhspan(joint[1], joint[3], color=MODEL, alpha=0.3, linewidth=0)
         for x, name in zip(places, frequencies.groups):
             if name not in frequencies.alone:
-                half, grey = 1.645 * check.error[x], "#777777"
-                ax.errorbar(x, check.estimate[x], half, fmt="s", color=grey, mfc="white", ms=4.5, elinewidth=1.0)
+                middle, grey = check.estimate[x], "#777777"
+                ends = [[middle - check.low[x]], [check.high[x] - middle]]
+                ax.errorbar(x, middle, ends, fmt="s", color=grey, mfc="white", ms=4.5, elinewidth=1.0)
                 continue
             posterior = frequencies.alone[name]
             low, first, middle, third, high = np.quantile(_draws(posterior, check.name), [0.05, 0.25, 0.5, 0.75, 0.95])
@@ -84,8 +85,7 @@ def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
             if name in frequencies.alone:
                 cells.append(_interval(frequencies.alone[name], check.name))
             else:
-                middle, half = float(check.estimate[i]), 1.645 * float(check.error[i])
-                cells.append(f"~ {number(middle, half)} [{number(middle - half, half)}, {number(middle + half, half)}]")
+                cells.append("~ {} [{}, {}]".format(*in_interval(check.estimate[i], check.low[i], check.high[i])))
         rows.append([*cells, p_text(check.p_value)])
     return columns, rows
 
