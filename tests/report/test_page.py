@@ -21,7 +21,7 @@ from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.inference.results.remarks import searches_said
 from bayes_iwan.report import page as pages
 from bayes_iwan.report.identification.marginals import reported
-from bayes_iwan.report.identification.tables import latex_table
+from bayes_iwan.report.identification.tables import _tex_symbol, latex_table
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.style import save, subplots
 
@@ -274,6 +274,13 @@ def test_tables_beside_the_page(page, posterior):
         assert float(row["energy_mJ_q50"]) == pytest.approx(float(row["energy_mJ_measured"]), rel=0.03)
     with (page / "tables" / "per_frequency.csv").open() as file:
         assert {"all"} == {r["frequency"] for r in csv.DictReader(file)}
+
+
+@pytest.mark.parametrize(
+    "symbol, tex", [("η1", r"\eta_{1}"), ("τ2", r"\tau_{2}"), ("γ", r"\gamma"), ("σy", r"\sigma y"), ("kp", "k_p")]
+)
+def test_greek_symbols_of_a_users_own_model_are_commands_of_latex(symbol, tex):
+    assert _tex_symbol(symbol) == f"${tex}$"
 
 
 def test_latex_table_is_balanced_and_ascii_enough(posterior):

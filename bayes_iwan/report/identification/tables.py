@@ -158,7 +158,11 @@ def held_out_table(held_out: Sequence[HeldOutFrequency]) -> Table:
     return Table("held_out", columns, rows)
 
 
-_GREEK = dict(zip("αβεηλμσφχℓ∝≥", "alpha beta varepsilon eta lambda mu sigma phi chi ell propto geq".split()))
+_NAMES = (
+    "alpha beta gamma delta varepsilon zeta eta theta kappa lambda mu nu xi pi rho sigma tau phi chi psi omega "
+    "Gamma Delta Theta Lambda Xi Pi Sigma Phi Psi Omega ell propto geq"
+)
+_GREEK = dict(zip("αβγδεζηθκλμνξπρστφχψωΓΔΘΛΞΠΣΦΨΩℓ∝≥", _NAMES.split()))
 _TEX_SYMBOL: Mapping[str, str] = {
     "kp": "k_p",
     "F₀": "F_0",
@@ -170,9 +174,9 @@ _TEX_SYMBOL: Mapping[str, str] = {
 
 
 def _tex_symbol(symbol: str) -> str:
-    numbered = re.sub(r"([A-Za-zη])(\d+)", r"\1_{\2}", symbol)
-    greek = str.maketrans({letter: f"\\{name}" for letter, name in _GREEK.items()})
-    return f"${_TEX_SYMBOL.get(symbol) or numbered.translate(greek)}$"
+    numbered = re.sub(r"([^\W\d_])(\d+)", r"\1_{\2}", symbol)
+    greek = re.sub(f"([{''.join(_GREEK)}])([A-Za-z]?)", lambda m: f"\\{_GREEK[m[1]]}{m[2] and ' '}{m[2]}", numbered)
+    return f"${_TEX_SYMBOL.get(symbol) or greek}$"
 
 
 def _tex_text(text: str) -> str:
