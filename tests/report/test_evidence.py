@@ -14,11 +14,12 @@ from bayes_iwan.comparison import loo
 from bayes_iwan.comparison.families import CompareError, compare_families
 from bayes_iwan.comparison.frequencies import compare_frequencies
 from bayes_iwan.comparison.loo import smoothed_log_weights
+from bayes_iwan.inference.setup.settings import LikelihoodSettings
 from bayes_iwan.report.comparison_page import comparison_report, ranking_figure
 from bayes_iwan.report.identification.by_frequency import frequencies_table, wander_figure, wander_rows
 from bayes_iwan.report.identification.predictive_checks import loo_pit
 
-from .conftest import TRUTH, made_posterior, made_records
+from .conftest import SETTINGS, TESTS, TRUTH, made_posterior, made_records
 
 TINY = {
     "search": {"members": 40, "evaluations": 600, "second_search": False, "starts": 4},
@@ -166,6 +167,15 @@ def test_replicates_are_as_wide_as_measured_loops_wander(posterior):
         assert least < np.mean((measured >= low) & (measured <= high)) < most
     free = posterior.problem.likelihood.mean_error_N
     assert np.all(again.mean(axis=-1).std(axis=0) < 0.3 * free)
+
+
+def test_loo_pit_of_independent_errors_has_no_more_data_than_the_loops():
+    """The bands of its figure are of so many independent ones: of every sample they would be too narrow."""
+    settings = replace(SETTINGS, likelihood=LikelihoodSettings("gaussian"))
+    alone = made_posterior(made_records(TESTS[2:4]), settings)
+    known = sum(2 * int(np.isfinite(x.noise_N).sum()) - 1 for x in alone.problem.loops)
+    assert known < 0.6 * alone.problem.measured_N.size
+    assert loo_pit(alone).shape == (known,)
 
 
 def test_loo_pit_is_uniform_and_without_means(posterior):

@@ -128,7 +128,7 @@ class Independent:
         return (2 * np.count_nonzero(there, axis=1) - 1) / len(self.loops[0].phase)
 
     @property
-    def _count(self) -> float:
+    def count(self) -> float:
         """Independent numbers that a sample stands for."""
         return self._units[1]
 
@@ -139,19 +139,19 @@ class Independent:
         else:
             z = residual_N / scale
             log_p = 0.5 * np.log(self.weights / (2.0 * np.pi * scale**2)) - 0.5 * self.weights * z * z
-        return (self._count * log_p).reshape(len(residual_N), -1)
+        return (self.count * log_p).reshape(len(residual_N), -1)
 
     def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         scale = parameter_values["noise_N"]
         points, logs = self.weights.size, float(np.sum(np.log(self.weights)))
         if self.kind == "laplace":
             error = np.einsum("dts,ts->d", np.abs(residual_N), self.weights)
-            return -self._count * (points * np.log(2.0 * scale) - logs + error / scale)
+            return -self.count * (points * np.log(2.0 * scale) - logs + error / scale)
         error = np.einsum("dts,ts->d", residual_N * residual_N, self.weights)
-        return -0.5 * self._count * (points * np.log(2.0 * np.pi * scale**2) - logs + error / scale**2)
+        return -0.5 * self.count * (points * np.log(2.0 * np.pi * scale**2) - logs + error / scale**2)
 
     def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
-        w = np.sqrt(self._count * self.weights)
+        w = np.sqrt(self.count * self.weights)
         noise_N = parameter_values["noise_N"].reshape(-1, *[1] * (residual_N.ndim - 1))
         return (w * residual_N / noise_N).reshape(-1, *residual_N.shape[1:-2], w.size)
 

@@ -82,8 +82,9 @@ def loo_pit(posterior: Posterior, n: int = 600) -> Array:
     the likelihood's own independent data: uniform if the predictive distribution is right.
 
     These are the rotated, whitened harmonics for the correlated likelihood (real and imaginary part of one omitted
-    together) and the loop's samples for the independent ones. The mean forces are not among them: the correlated
-    likelihood gives them next to no weight on purpose, which would show as intervals that are too wide.
+    together) and, for the independent ones, as many samples as the loops' harmonics have parts. The mean forces are not
+    among them: the correlated likelihood gives them next to no weight on purpose, which would show as intervals that
+    are too wide.
     """
     problem = posterior.problem
     z = posterior.flat_z(n)
@@ -107,7 +108,9 @@ def loo_pit(posterior: Posterior, n: int = 600) -> Array:
             cdf = np.where(scaled < 0, tail, 1.0 - tail)
         else:
             cdf = special.ndtr(scaled * np.sqrt(weight))
-        probability = cdf.reshape(len(z), 1, -1)
+        each = log_p.shape[1]
+        some = np.linspace(0, each - 1, round(problem.likelihood.count * each)).astype(int)
+        probability, log_p = cdf.reshape(len(z), 1, -1)[:, :, some], log_p[:, some]
     if probability.shape[2] != log_p.shape[1]:
         raise ValueError(f"LOO-PIT: {probability.shape[2]} data but {log_p.shape[1]} log-likelihoods")
     log_w, _ = smoothed_log_weights(-log_p.T)
