@@ -59,16 +59,16 @@ class Convergence:
         """What does not reach the targets, in words with the worst number's name; empty if all do."""
         parts, names = [], [self.names[i] for i in self._assessed]
         if not self.worst_r_hat <= r_hat:
-            parts.append(f"R-hat of {self.names[int(np.argmax(self.r_hat))]} is {self.worst_r_hat:.3f} > {r_hat:g}")
+            parts.append(f"R-hat of {self.names[int(np.argmax(self.r_hat))]} is {self.worst_r_hat:.5g} > {r_hat:g}")
         for kind, every in (("bulk", self.ess_bulk), ("tail", self.ess_tail)):
             values = every[self._assessed]
             if not values.min() >= ess:
                 name = names[int(np.argmin(values))]
-                parts.append(f"{kind} ESS of {name} is {values.min():.0f} < {ess:g}")
+                parts.append(f"{kind} ESS of {name} is {values.min():.4g} < {ess:g}")
         if not self.n_steps >= taus * self.worst_tau:
             name = names[int(np.argmax(self.tau_steps[self._assessed]))]
             length = self.n_steps / self.worst_tau
-            parts.append(f"{self.n_steps} steps are {length:.0f} autocorrelation times of {name} < {taus:g}")
+            parts.append(f"{self.n_steps} steps are {length:.4g} autocorrelation times of {name} < {taus:g}")
         return "; ".join(parts)
 
 

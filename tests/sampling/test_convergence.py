@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bayes_iwan.sampling.convergence import autocorrelation_time, convergence_of, ess_tail, r_hat_and_ess
+from bayes_iwan.sampling.convergence import Convergence, autocorrelation_time, convergence_of, ess_tail, r_hat_and_ess
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # 0.23 announces 1.0 at import
@@ -117,3 +117,10 @@ def test_what_is_judged_by_r_hat_alone_needs_no_effective_draws():
     assert "ESS of slow" in whole.shortfall(10.0, 400.0, 10.0) and some.shortfall(10.0, 400.0, 10.0) == ""
     assert some.least_ess > 400.0 > whole.least_ess and some.worst_tau < 3.0 < whole.worst_tau
     assert "R-hat of slow" in some.shortfall(1.01, 400.0, 10.0)
+
+
+def test_what_falls_short_by_little_does_not_read_as_the_target():
+    """"150 steps are 10 autocorrelation times of slope < 10" says nothing."""
+    one = {name: np.array([x]) for name, x in (("r_hat", 1.0102), ("ess_bulk", 399.7), ("ess_tail", 500.0))}
+    said = Convergence(("slope",), **one, tau_steps=np.array([15.2]), n_steps=150).shortfall(1.01, 400.0, 10.0)
+    assert "1.0102 > 1.01;" in said and "399.7 < 400;" in said and "9.868 autocorrelation times" in said
