@@ -120,7 +120,7 @@ def test_what_is_judged_by_r_hat_alone_needs_no_effective_draws():
 
 
 def test_what_falls_short_by_little_does_not_read_as_the_target():
-    """"150 steps are 10 autocorrelation times of slope < 10" says nothing."""
+    """ "150 steps are 10 autocorrelation times of slope < 10" says nothing."""
     one = {name: np.array([x]) for name, x in (("r_hat", 1.0102), ("ess_bulk", 399.7), ("ess_tail", 500.0))}
     said = Convergence(("slope",), **one, tau_steps=np.array([15.2]), n_steps=150).shortfall(1.01, 400.0, 10.0)
     assert "1.0102 > 1.01;" in said and "399.7 < 400;" in said and "9.868 autocorrelation times" in said
