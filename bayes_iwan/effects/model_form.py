@@ -80,7 +80,7 @@ class SlipLimit(Effect):
     limit = 0.99
     physics = "Contacts that hold longest all give way at once: macroslip, at a limit that the whole joint has."
     reference = "Segalman, J. Appl. Mech. 72 (2005) 752 (four-parameter Iwan model)"
-    signature = "a branch that bends once more, sharply, and then follows the parallel spring alone"
+    signature = "each branch ends at one sharp corner, beyond which the parallel spring is alone"
     look_alikes = SlipForcesFree.look_alikes
     bench = SlipForcesFree.bench
     remedy = 'Identify with slip = "power_law", which has such an end, or limit the slip forces at this share.'
