@@ -39,7 +39,7 @@ def points_for(displacements: Sequence[Array], velocities: Sequence[Array]) -> i
     most, points = max(reversals(u) for u in displacements), POINTS
     while points < min(each * most, MOST_POINTS):
         points *= 2
-    while points < MOST_POINTS and max(off_chord(v) * (len(v) / points) ** 2 for v in velocities) > OFF_CHORD:
+    while points < MOST_POINTS and any(off_chord(v) * (len(v) / points) ** 2 > OFF_CHORD for v in velocities):
         points *= 2
     return points
 

@@ -33,9 +33,10 @@ LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
 
 
 def loops_of(campaign: Campaign) -> tuple[Loop, ...]:
-    """The loops that diagnoses work on: half as many phases as identifications where motions ask for more."""
+    """The loops that diagnoses work on: half as many phases as identifications where they reverse more than twice a
+    cycle or at sharp corners. (Corners that channels rounded leave as much with 256 phases as with 64.)"""
     loops = campaign.loops(**LOOPS)
-    points = points_for([x.displacement_mm for x in loops], [x.velocity_m_s for x in loops])
+    points = points_for([x.displacement_mm for x in loops], [x.velocity_m_s for x in loops if x.sharp])
     return loops if points == POINTS else campaign.loops(**LOOPS | {"n_phase": points // 2})
 
 
