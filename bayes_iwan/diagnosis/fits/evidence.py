@@ -164,10 +164,15 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     )
 
 
+#: variance of the mean force's discrepancy over that of other harmonics where the mean is as good as free
+FREE = 1e4
+
+
 def newton_size(discrepancy_share: float) -> DiscrepancySize:
-    """The discrepancy beside which the least gap in newtons is sought: alike in every harmonic and along the record."""
+    """The discrepancy beside which the least gap in newtons is sought: alike in every harmonic and along the record,
+    and as large as you like in the mean force, which counts as no gap."""
     share = min(discrepancy_share, LARGEST_DISCREPANCY)
-    return DiscrepancySize(share, 0.0, share)
+    return DiscrepancySize(share, 0.0, share, (FREE,))
 
 
 def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS, smaller: Sequence[Fit] = ()) -> Fit:
@@ -188,7 +193,7 @@ def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS, smaller:
 def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
     """The model of a fit for tests that it has not seen: as `nearest`, its least gap in newtons, but held by its priors
     as far as the discrepancy that was inferred beside it says."""
-    size = DiscrepancySize(fit.discrepancy_share[0], 0.0, fit.size.along, (), fit.size.along_spectrum)
+    size = DiscrepancySize(fit.discrepancy_share[0], 0.0, fit.size.along, (FREE,), fit.size.along_spectrum)
     alike = size.share == nearest.size.share and not any(e.evolving for e in fit.effects)
     if alike or fit.size == size:
         return nearest if alike else fit
