@@ -15,7 +15,7 @@ from bayes_iwan.effects.paper_stages import missing_terms
 from bayes_iwan.models import Model, Scales, Simulator, sine_motion
 from bayes_iwan.models.paper_parameters import table_1
 from bayes_iwan.models.simulator import INNER, OUTER, offered, recorded_force
-from bayes_iwan.models.user_file import classes_in
+from bayes_iwan.models.user_file import classes_in, place_in
 
 #: what makes an effect from (scales, tests): its class, or one that knows the condition that it follows
 Maker = Callable[..., Effect]
@@ -95,7 +95,13 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[type[Effect], ...]:
         said: object = effect.strength
         if not (isinstance(said, tuple) and len(said) == 4 and all(isinstance(x, str) for x in said)):
             raise EffectError(f"{path}: {effect.__name__}.strength must be four texts: name, symbol, unit, description")
-        if wrong := _wrong_with(effect):
+        try:
+            wrong = _wrong_with(effect)
+        except Exception as error:
+            if not (place := place_in(error)):
+                raise
+            raise EffectError(f"{place}: {type(error).__name__}: {error}; fix the file") from error
+        if wrong:
             raise EffectError(f"{path}: {effect.__name__} {wrong}")
     return found
 
