@@ -26,7 +26,7 @@ from scipy import interpolate, signal
 
 from bayes_iwan.campaign import Record, read_campaign
 from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict
-from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
+from bayes_iwan.diagnosis.answer.saved_fits import loops_of
 from bayes_iwan.diagnosis.diagnosis import diagnose_loops
 from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import write_json
@@ -131,12 +131,12 @@ def answered(data: Path, case: tuple[str, str, float]) -> dict[str, Any]:
     strength = strength_for(campaign.tests, effect, wanted) if effect else 0.0
     if effect:
         campaign = replace(campaign, tests=tuple(changed(t, effect, strength) for t in campaign.tests))
-    found = diagnose_loops(campaign, campaign.loops(**LOOPS), quick=True)
+    found = diagnose_loops(campaign, loops_of(campaign), quick=True)
     d = to_dict(found)
     return (
         {"source": source, "effect": effect, "size": wanted, "strength": strength}
         | {"figures": [asdict(f) for f in found.found.figures]}  # from which constants are fitted: `places`
-        | {k: d[k] for k in ("verdict", "effects", "probabilities", "gap", "rest", "sentences")}
+        | {k: d[k] for k in ("verdict", "effects", "probabilities", "gap", "unexplained", "sentences")}
     )
 
 

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from bayes_iwan.campaign import average, read_campaign
-from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
+from bayes_iwan.diagnosis.answer.saved_fits import LOOPS, loops_of
 from bayes_iwan.diagnosis.assessment.assessed_search import weighed
 from bayes_iwan.diagnosis.diagnosis import searched
 from bayes_iwan.diagnosis.fits.data import gap_data
@@ -34,7 +34,7 @@ def fitted(rule: str, path: str) -> bytes:
     for where, name, value in RULES[rule]:
         setattr(where, name, value)
     if Path(path).is_dir():
-        loops = [x for x in read_campaign(path).loops(**LOOPS) if x.role != "held-out"]
+        loops = [x for x in loops_of(read_campaign(path)) if x.role != "held-out"]
         drawn = {"kind": "measured", "family": Path(path).name, "truth": {"effects": []}}
     else:
         drawn = pickle.loads(Path(path).read_bytes())

@@ -34,7 +34,7 @@ LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
 
 def loops_of(campaign: Campaign) -> tuple[Loop, ...]:
     """The loops that diagnoses work on: half as many phases as identifications where they reverse more than twice a
-    cycle or at sharp corners. (Corners that channels rounded leave as much with 256 phases as with 64.)"""
+    cycle or at sharp corners; corners that channels rounded need no more."""
     loops = campaign.loops(**LOOPS)
     points = points_for([x.displacement_mm for x in loops], [x.velocity_m_s for x in loops if x.sharp])
     return loops if points == POINTS else campaign.loops(**LOOPS | {"n_phase": points // 2})
